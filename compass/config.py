@@ -1,0 +1,44 @@
+"""What can be set about the compass."""
+
+from dataclasses import dataclass
+
+from compass.errors import ConfigError
+from compass.parameters import ParameterSet, parameter
+
+METHODS = ("rows", "sectors")
+
+
+@dataclass(frozen=True)
+class CompassConfig(ParameterSet):
+    """Settings of `VisualCompass`; every field has a default, an unusable value raises `ConfigError`."""
+
+    method: str = parameter(
+        "sectors", "how a yaw increment is found; see the methods' pages in compass/README.md", choices=METHODS
+    )
+    roi_top: float = parameter(
+        0.25, "upper edge of the region of interest, a fraction of image height", low=0.0, high=1.0
+    )
+    roi_bottom: float = parameter(
+        0.55, "lower edge of the region of interest, a fraction of image height", low=0.0, high=1.0
+    )
+    columns: int = parameter(1024, "width of the strip; never more than the image has", unit="px", low=16, high=8192)
+    rows: int = parameter(64, "height of the strip; never more than the region has", unit="px", low=1, high=4096)
+    forward_column: float = parameter(
+        0.5, "column that looks along the robot's +x, a fraction of image width", low=0.0, high=1.0
+    )
+    max_yaw_rate: float = parameter(
+        3.0,
+        "fastest turn to expect; a shift beyond it is believed only where nothing inside it matches",
+        unit="rad/s",
+        low=0.01,
+        high=100.0,
+        live=True,
+    )
+    min_confidence: float = parameter(
+        0.3, "peak correlation below which no increment is given", low=0.0, high=1.0, live=True
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.roi_bottom <= self.roi_top:
+            raise ConfigError(f"roi_bottom: {self.roi_bottom:g} must be greater than roi_top {self.roi_top:g}")

@@ -1,0 +1,42 @@
+"""What the compass gives: a yaw increment, or the reason why there is none."""
+
+from dataclasses import dataclass
+from enum import Enum
+
+
+class CompassStatus(Enum):
+    """Outcome of an update; the value is a sentence for logs and diagnostics."""
+
+    OK = "increment given"
+    NOT_STARTED = "no image seen yet"
+    FIRST_FRAME = "first image, nothing to compare with"
+    LOW_CONFIDENCE = "peak correlation below min_confidence"
+    NO_TEXTURE = "image without texture: black, covered or overexposed"
+    AMBIGUOUS = "several yaws match equally well"
+    FROZEN = "camera repeats the same image"
+    BACKWARD_STAMP = "image not newer than the one before"
+    SIZE_CHANGED = "image size changed, started again"
+
+
+@dataclass(frozen=True, slots=True)
+class YawIncrement:
+    """Yaw of the camera at `t_ns` relative to `t_ref_ns`, about the vertical.
+
+    Attributes
+    ----------
+    t_ref_ns, t_ns : int
+        Capture times (``header.stamp``) of the reference and of the current image, ns. While a keyframe holds,
+        `t_ref_ns` stays the same from increment to increment.
+    yaw : float
+        Turn from reference to current, rad, positive to the left, in [-pi, pi).
+    variance : float
+        Variance of `yaw`, rad^2, positive.
+    confidence : float
+        Normalised peak correlation, 0..1.
+    """
+
+    t_ref_ns: int
+    t_ns: int
+    yaw: float
+    variance: float
+    confidence: float

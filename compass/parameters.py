@@ -1,0 +1,111 @@
+"""Parameters described where they are defined.
+
+A config is a frozen dataclass whose fields are made by :func:`parameter`. Its description, unit and range
+travel with the field, so that the YAML reader, the command line and the ROS nodes take them from here.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+from compass.errors import ConfigError
+
+Value = bool | int | float | str
+Config = TypeVar("Config", bound="ParameterSet")
+
+
+@dataclass(frozen=True, slots=True)
+class ParameterSpec:
+    """What is known of one parameter beside its value.
+
+    Attributes
+    ----------
+    name, description, unit : str
+        `unit` is ``""`` for a pure number, a name or a switch.
+    default : bool, int, float or str
+        Its type is the parameter's type.
+    low, high : float or None
+        Inclusive limits of a number.
+    choices : tuple of str
+        The allowed names, empty when any is.
+    live : bool
+        Whether a running node may change it.
+    """
+
+    name: str
+    default: Value
+    description: str
+    unit: str = ""
+    low: float | None = None
+    high: float | None = None
+    choices: tuple[str, ...] = ()
+    live: bool = False
+
+    def check(self, value: Any) -> Value:
+        """Return `value` in the parameter's type, or raise `ConfigError`."""
+        kind = type(self.default)
+        if kind is float and type(value) is int:
+            value = float(value)
+        if type(value) is not kind:
+            raise ConfigError(f"{self.name}: {value!r} is not of type {kind.__name__} (default {self.default!r})")
+        if kind in (int, float):
+            low = -math.inf if self.low is None else self.low
+            high = math.inf if self.high is None else self.high
+            if not low <= value <= high:  # false for NaN too
+                raise ConfigError(f"{self.name}: {value!r} is outside {low:g} .. {high:g} {self.unit}".rstrip())
+        if self.choices and value not in self.choices:
+            raise ConfigError(f"{self.name}: {value!r} is unknown; one of: {', '.join(self.choices)}")
+        return value  # type: ignore[no-any-return]
+
+
+def parameter(
+    default: Value,
+    description: str,
+    *,
+    unit: str = "",
+    low: float | None = None,
+    high: float | None = None,
+    choices: tuple[str, ...] = (),
+    live: bool = False,
+) -> Any:
+    """Declare a dataclass field that carries its description, unit and range (see `ParameterSpec`)."""
+    facts = {"description": description, "unit": unit, "low": low, "high": high, "choices": choices, "live": live}
+    return dataclasses.field(default=default, metadata=facts)
+
+
+@dataclass(frozen=True)
+class ParameterSet:
+    """Base of the config dataclasses: checks every field on construction."""
+
+    def __post_init__(self) -> None:
+        for spec in self.specs():
+            object.__setattr__(self, spec.name, spec.check(getattr(self, spec.name)))
+
+    @classmethod
+    def specs(cls) -> Iterator[ParameterSpec]:
+        """The parameters in the order of their definition."""
+        for field in dataclasses.fields(cls):
+            yield ParameterSpec(field.name, field.default, **field.metadata)  # type: ignore[arg-type]
+
+    @classmethod
+    def from_dict(cls: type[Config], values: Mapping[str, Any], where: str = "") -> Config:
+        """Build from a mapping; an unknown key raises `ConfigError` and suggests the nearest known one."""
+        known = [spec.name for spec in cls.specs()]
+        for key in values:
+            if key not in known:
+                near = difflib.get_close_matches(str(key), known, n=1)
+                hint = f"did you mean {where}{near[0]!r}?" if near else f"known: {', '.join(known)}"
+                raise ConfigError(f"unknown parameter {where}{key!r}; {hint}")
+        try:
+            return cls(**values)
+        except ConfigError as error:
+            raise ConfigError(f"{where}{error}") from None
+
+    def to_dict(self) -> dict[str, Value]:
+        """All values by name, ready for YAML."""
+        return dataclasses.asdict(self)
