@@ -1,0 +1,1 @@
+"""Bags in, results out: reader, writer, report and the command line."""

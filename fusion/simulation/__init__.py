@@ -1,0 +1,1 @@
+"""A ray-cast world, a tracked robot and its sensors, with known truth."""
