@@ -53,14 +53,14 @@ class ParameterSpec:
             value = float(value)
         if type(value) is not kind:
             raise ConfigError(f"{self.name}: {value!r} is not of type {kind.__name__} (default {self.default!r})")
-        if kind in (int, float):
+        if isinstance(value, (int, float)) and kind is not bool:
             low = -math.inf if self.low is None else self.low
             high = math.inf if self.high is None else self.high
             if not low <= value <= high:  # false for NaN too
                 raise ConfigError(f"{self.name}: {value!r} is outside {low:g} .. {high:g} {self.unit}".rstrip())
         if self.choices and value not in self.choices:
             raise ConfigError(f"{self.name}: {value!r} is unknown; one of: {', '.join(self.choices)}")
-        return value  # type: ignore[no-any-return]
+        return kind(value)
 
 
 def parameter(

@@ -1,0 +1,53 @@
+"""What every method of comparing two strips takes and gives."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from compass.increment import CompassStatus
+from compass.strip import Strip
+
+
+@dataclass(frozen=True, slots=True)
+class Search:
+    """Where to look.
+
+    Attributes
+    ----------
+    expected_px : float
+        Shift that is expected, columns.
+    reach_px : float
+        How far from it a shift can be, columns; half the circle or more means anywhere.
+    forward_px : float
+        Column that looks along +x.
+    """
+
+    expected_px: float
+    reach_px: float
+    forward_px: float
+
+
+@dataclass(frozen=True, slots=True)
+class Match:
+    """How the current strip lies on the reference.
+
+    Attributes
+    ----------
+    shift_px : float
+        Turn to the left, columns, in [-columns / 2, columns / 2).
+    variance_px2 : float
+        Variance of `shift_px`, columns^2.
+    confidence : float
+        Normalised peak correlation, 0..1.
+    status : CompassStatus
+        OK, or why the shift must not be used.
+    """
+
+    shift_px: float
+    variance_px2: float
+    confidence: float
+    status: CompassStatus = CompassStatus.OK
+
+
+Method = Callable[[Strip, Strip, Search], Match]

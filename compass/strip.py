@@ -1,0 +1,75 @@
+"""Image -> strip: the region of interest in grey, at the size that is compared."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+import scipy.fft
+
+from compass.config import CompassConfig
+from compass.image import Image, to_grey
+
+Pixels = npt.NDArray[np.float32]
+Spectrum = npt.NDArray[np.complex64]
+
+
+@dataclass(frozen=True)
+class Strip:
+    """A panorama's region of interest, ready to be compared.
+
+    Attributes
+    ----------
+    t_ns : int
+        Capture time, ns.
+    pixels : (rows, columns) float32 array
+        Grey values with the mean of each row taken out.
+    contrast : float
+        Standard deviation of `pixels`, grey values of 255.
+    """
+
+    t_ns: int
+    pixels: Pixels
+    contrast: float
+    image_shape: tuple[int, ...] = ()
+
+    @property
+    def columns(self) -> int:
+        """Columns of the full circle."""
+        return int(self.pixels.shape[1])
+
+    @cached_property
+    def spectrum(self) -> Spectrum:
+        """(rows, columns // 2 + 1) Fourier transform of each row."""
+        return scipy.fft.rfft(self.pixels, axis=1)  # type: ignore[no-any-return]
+
+
+def prepare_strip(t_ns: int, image: Image, config: CompassConfig, encoding: str = "") -> Strip:
+    """Cut the region of interest out of a panorama, make it grey and bring it to size.
+
+    The strip is never larger than its source: enlarging adds no information, and interpolating over the seam where
+    the panorama's circle is cut would add a false one.
+    """
+    grey = to_grey(_region(image, config), encoding)
+    height, width = grey.shape
+    rows, columns = min(config.rows, height), min(config.columns, width)
+    small: Pixels = grey.astype(np.float32)
+    if (rows, columns) != (height, width):
+        small = np.asarray(cv2.resize(small, (columns, rows), interpolation=cv2.INTER_AREA), np.float32)
+    if grey.dtype == np.uint16:
+        small *= np.float32(1.0 / 257.0)
+    small -= small.mean(axis=1, keepdims=True)
+    contrast = float(np.sqrt(np.vdot(small, small) / small.size))
+    return Strip(t_ns, small, contrast, image.shape)
+
+
+def _region(image: Image, config: CompassConfig) -> Image:
+    """View of the region of interest; an image too small for it still gives one row."""
+    if not isinstance(image, np.ndarray) or image.ndim < 2:
+        return image  # to_grey says what is wrong
+    height = image.shape[0]
+    top = min(round(config.roi_top * height), height - 1)
+    return image[max(top, 0) : max(round(config.roi_bottom * height), top + 1)]
