@@ -1,0 +1,194 @@
+"""All settings together, from one YAML in ROS parameter-file form, for the nodes and the command line alike."""
+
+from __future__ import annotations
+
+import difflib
+import textwrap
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from compass.config import CompassConfig
+from compass.errors import ConfigError
+from compass.parameters import ParameterSet, ParameterSpec, Value, parameter
+from fusion.config import FusionConfig
+from fusion.vertical import ImuConfig
+
+NODE = "visual_compass"
+_NODES = ("/**", NODE, "compass_node", "fusion_node")  # later ones override earlier ones
+_ROS_OWN = ("use_sim_time", "qos_overrides", "start_type_description_service")
+
+
+@dataclass(frozen=True)
+class TopicSettings(ParameterSet):
+    """Names under which the data comes and goes."""
+
+    compass_image: str = parameter("/viz/pano/image", "topic of the panoramas")
+    image_transport: str = parameter(
+        "raw", "raw for sensor_msgs/Image, compressed for sensor_msgs/CompressedImage", choices=("raw", "compressed")
+    )
+    gyro_topic: str = parameter("/imu/data", "topic of the gyro, sensor_msgs/Imu")
+    odometry_topic: str = parameter("/odom", "topic of the track odometry, nav_msgs/Odometry")
+    compass_output_topic: str = parameter("/compass_pose", "topic of the raw compass, nav_msgs/Odometry")
+    fused_output_topic: str = parameter("/odometry/fused", "topic of the fused yaw, nav_msgs/Odometry")
+    compass_textout: bool = parameter(False, "print the current angle", live=True)
+    odom_frame: str = parameter("odom", "frame_id of the outputs")
+    base_frame: str = parameter("base_link", "child_frame_id of the outputs")
+    publish_tf: bool = parameter(False, "broadcast odom_frame -> base_frame; needs tf2_ros")
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Everything that can be set, each group in its own dataclass."""
+
+    compass: CompassConfig = field(default_factory=CompassConfig)
+    fusion: FusionConfig = field(default_factory=FusionConfig)
+    imu: ImuConfig = field(default_factory=ImuConfig)
+    topics: TopicSettings = field(default_factory=TopicSettings)
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> Settings:
+        """Build from parameters as a node has them: groups nested or dotted, topics at the top.
+
+        Raises
+        ------
+        ConfigError
+            A key is unknown (the nearest known one is named) or a value unusable.
+        """
+        groups = _split_groups(_undotted(values))
+        return cls(
+            CompassConfig.from_dict(groups["compass"], "compass."),
+            FusionConfig.from_dict(groups["fusion"], "fusion."),
+            ImuConfig.from_dict(groups["imu"], "imu."),
+            TopicSettings.from_dict(groups[""]),
+        )
+
+    def to_dict(self) -> dict[str, Value | dict[str, Value]]:
+        """All values, nested as in the YAML."""
+        return {
+            **self.topics.to_dict(),
+            "compass": self.compass.to_dict(),
+            "fusion": self.fusion.to_dict(),
+            "imu": self.imu.to_dict(),
+        }
+
+
+def load_settings(path: Path | str | None = None, overrides: Mapping[str, Any] | None = None) -> Settings:
+    """Defaults < YAML < `overrides`.
+
+    Parameters
+    ----------
+    path : path, optional
+        A ROS parameter file, ``/**: {ros__parameters: {compass: {method: sectors}, gyro_topic: /imu/data}}``.
+    overrides : mapping, optional
+        Parameters by (dotted) name, such as ``{"compass.method": "rows"}``.
+
+    Raises
+    ------
+    ConfigError
+        The file cannot be read, is no parameter file, or holds an unknown key or an unusable value.
+    """
+    values = _undotted(read_parameter_file(Path(path))) if path is not None else {}
+    _merge(values, _undotted(overrides or {}))
+    return Settings.from_dict(values)
+
+
+def dump_settings(settings: Settings) -> str:
+    """The settings as a commented parameter file that `load_settings` and ``--params-file`` read back."""
+    lines = ["/**:", "  ros__parameters:"]
+    for title, parameters in (
+        ("", settings.topics),
+        ("compass", settings.compass),
+        ("fusion", settings.fusion),
+        ("imu", settings.imu),
+    ):
+        indent = "      " if title else "    "
+        lines += ["", f"    {title}:"] if title else []
+        values = parameters.to_dict()
+        for spec in parameters.specs():
+            lines += textwrap.wrap(_explain(spec), 110, initial_indent=f"{indent}# ", subsequent_indent=f"{indent}# ")
+            lines.append(indent + yaml.safe_dump({spec.name: values[spec.name]}, width=1000).strip())
+    return "\n".join(lines) + "\n"
+
+
+def _explain(spec: ParameterSpec) -> str:
+    """Description, unit and range in one sentence."""
+    low = "" if spec.low is None else f"{spec.low:g}"
+    high = "" if spec.high is None else f"{spec.high:g}"
+    limits = f"{low} .. {high}" if low and high else f"from {low}" if low else f"up to {high}" if high else ""
+    facts = " ".join(part for part in (limits, spec.unit) if part) or ", ".join(spec.choices)
+    return f"{spec.description}{f' [{facts}]' if facts else ''}"
+
+
+def read_parameter_file(path: Path) -> dict[str, Any]:
+    """The parameters of a ROS parameter file that concern us, nested."""
+    try:
+        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ConfigError(f"{path}: {error.strerror}; give a readable YAML file") from None
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{path}: not YAML: {' '.join(str(error).split())}") from None
+    if not isinstance(content, Mapping):
+        raise ConfigError(f"{path}: no ROS parameter file; begin with '/**:' and 'ros__parameters:' below it")
+    sections = {str(node).rsplit("/", 1)[-1] if node != "/**" else "/**": body for node, body in content.items()}
+    chosen = [sections[node] for node in _NODES if node in sections]
+    if not chosen:
+        names = ", ".join(map(repr, sections))
+        raise ConfigError(f"{path}: parameters of {names} only; put ours under '/**:'")
+    values: dict[str, Any] = {}
+    for body in chosen:
+        if not isinstance(body, Mapping) or not isinstance(body.get("ros__parameters"), Mapping):
+            raise ConfigError(f"{path}: 'ros__parameters:' is missing below the node's name")
+        _merge(values, _undotted(body["ros__parameters"]))
+    return values
+
+
+def _split_groups(values: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
+    """Sort nested parameters into the groups of `Settings`."""
+    groups: dict[str, dict[str, Any]] = {"": {}, "compass": {}, "fusion": {}, "imu": {}}
+    for key, value in values.items():
+        if key in _ROS_OWN:
+            continue
+        if key and key in groups:
+            if not isinstance(value, Mapping):
+                raise ConfigError(f"{key}: {value!r} is not a group of parameters such as {{name: value}}")
+            groups[key] = dict(value)
+        elif isinstance(value, Mapping):
+            near = difflib.get_close_matches(key, [name for name in groups if name], n=1)
+            hint = f"did you mean {near[0]!r}?" if near else "known: compass, fusion, imu"
+            raise ConfigError(f"unknown parameter group {key!r}; {hint}")
+        else:
+            _refuse_stray(key)
+            groups[""][key] = value
+    return groups
+
+
+def _refuse_stray(key: str) -> None:
+    """Name the group of a parameter that was given without it."""
+    kinds: dict[str, type[ParameterSet]] = {"compass": CompassConfig, "fusion": FusionConfig, "imu": ImuConfig}
+    top = [spec.name for spec in TopicSettings.specs()]
+    for group, kind in kinds.items():
+        if key not in top and key in [spec.name for spec in kind.specs()]:
+            raise ConfigError(f"unknown parameter {key!r}; did you mean '{group}.{key}'?")
+
+
+def _undotted(values: Mapping[str, Any]) -> dict[str, Any]:
+    """``{"compass.method": x}`` to ``{"compass": {"method": x}}``."""
+    nested: dict[str, Any] = {}
+    for key, value in values.items():
+        group, dot, name = str(key).partition(".")
+        part = {group: {name: value}} if dot else {group: dict(value) if isinstance(value, Mapping) else value}
+        _merge(nested, part)
+    return nested
+
+
+def _merge(values: dict[str, Any], other: Mapping[str, Any]) -> None:
+    """Write `other` over `values`, group by group."""
+    for key, value in other.items():
+        if isinstance(value, Mapping) and isinstance(values.get(key), dict):
+            values[key].update(value)
+        else:
+            values[key] = dict(value) if isinstance(value, Mapping) else value

@@ -1,0 +1,83 @@
+"""Settings: defaults < YAML < overrides, and mistakes named."""
+
+from pathlib import Path
+
+import pytest
+
+from compass import ConfigError
+from fusion.settings import Settings, dump_settings, load_settings
+
+SHIPPED = Path(__file__).parent.parent / "config" / "visual_compass.yaml"
+
+
+def write(tmp_path: Path, text: str) -> Path:
+    path = tmp_path / "settings.yaml"
+    path.write_text(text)
+    return path
+
+
+def test_settings_without_file_are_the_defaults():
+    assert load_settings() == Settings()
+
+
+def test_settings_yaml_beats_defaults_and_overrides_beat_yaml(tmp_path):
+    path = write(tmp_path, "/**:\n  ros__parameters:\n    gyro_topic: /a\n    compass: {rows: 32, columns: 512}\n")
+    settings = load_settings(path, {"compass.columns": 256})
+    assert (settings.topics.gyro_topic, settings.compass.rows, settings.compass.columns) == ("/a", 32, 256)
+
+
+def test_settings_dotted_and_nested_keys_mean_the_same(tmp_path):
+    nested = write(tmp_path, "/**:\n  ros__parameters:\n    compass: {rows: 32}\n")
+    first = load_settings(nested)
+    dotted = write(tmp_path, "/**:\n  ros__parameters:\n    compass.rows: 32\n")
+    assert load_settings(dotted) == first != Settings()
+
+
+def test_settings_node_section_overrides_wildcard(tmp_path):
+    path = write(
+        tmp_path,
+        "/robot/fusion_node: {ros__parameters: {gyro_topic: /node}}\n"
+        "/**: {ros__parameters: {gyro_topic: /all, odometry_topic: /all, use_sim_time: true}}\n"
+        "ekf_filter_node: {ros__parameters: {frequency: 30.0}}\n",
+    )
+    topics = load_settings(path).topics
+    assert (topics.gyro_topic, topics.odometry_topic) == ("/node", "/all")
+
+
+def test_settings_round_trip_through_yaml(tmp_path):
+    settings = load_settings(None, {"compass.method": "rows", "imu.up": "-z", "publish_tf": True})
+    assert load_settings(write(tmp_path, dump_settings(settings))) == settings
+
+
+def test_settings_shipped_file_is_what_the_code_does():
+    """Defaults live in the dataclasses; the file that teaches them is made from there by `make config`."""
+    text = SHIPPED.read_text()
+    assert load_settings(SHIPPED) == Settings()
+    assert text.endswith(dump_settings(Settings())), "run `make config`"
+
+
+@pytest.mark.parametrize(
+    ("text", "hint"),
+    [
+        ("/**: {ros__parameters: {gyro_topc: /a}}", "did you mean 'gyro_topic'"),
+        ("/**: {ros__parameters: {compass: {metod: rows}}}", "'method'"),
+        ("/**: {ros__parameters: {compas: {method: rows}}}", "did you mean 'compass'"),
+        ("/**: {ros__parameters: {method: rows}}", "did you mean 'compass.method'"),
+        ("/**: {ros__parameters: {compass: 3}}", "not a group"),
+        ("/**: {ros__parameters: {compass: {roi_top: 7.0}}}", "compass.roi_top: 7.0 is outside 0 .. 1"),
+        ("/**: {compass: {method: rows}}", "'ros__parameters:' is missing"),
+        ("other: {ros__parameters: {}}", "'/**:'"),
+        ("[1, 2]", "no ROS parameter file"),
+        ("{a: [", "not YAML"),
+    ],
+)
+def test_settings_mistake_is_named_with_its_cure(tmp_path, text, hint):
+    with pytest.raises(ConfigError) as caught:
+        load_settings(write(tmp_path, text))
+    assert hint in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_settings_missing_file_is_named(tmp_path):
+    with pytest.raises(ConfigError, match=r"absent\.yaml.*No such file"):
+        load_settings(tmp_path / "absent.yaml")
