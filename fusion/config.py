@@ -12,3 +12,48 @@ class FusionConfig(ParameterSet):
     lag_window: float = parameter(
         1.0, "how late a sample may come and still be applied at its own time", unit="s", low=0.0, high=60.0
     )
+    reference_window: float = parameter(
+        1.0,
+        "how far before an image its reference may lie if no earlier increment spoke of that reference",
+        unit="s",
+        low=0.0,
+        high=60.0,
+    )
+    initial_yaw: float = parameter(0.0, "yaw at the first sample", unit="rad", low=-1e6, high=1e6)
+    initial_yaw_sigma: float = parameter(1e-4, "its standard deviation", unit="rad", low=1e-9, high=10.0)
+    initial_rate_sigma: float = parameter(
+        1.0, "turn rate to expect while nothing measures it, standard deviation", unit="rad/s", low=1e-3, high=100.0
+    )
+    rate_walk: float = parameter(
+        0.5, "how fast the turn rate changes: its standard deviation after one second", unit="rad/s/sqrt(s)",
+        low=1e-4, high=100.0,
+    )  # fmt: skip
+    gyro_sigma: float = parameter(
+        0.005, "white noise of one gyro sample, standard deviation", unit="rad/s", low=1e-6, high=10.0
+    )
+    initial_bias_sigma: float = parameter(
+        0.02, "gyro bias to expect at the start, standard deviation", unit="rad/s", low=1e-6, high=1.0
+    )
+    bias_walk: float = parameter(
+        0.0001, "wander of the gyro bias: its standard deviation after one second", unit="rad/s/sqrt(s)",
+        low=0.0, high=1.0,
+    )  # fmt: skip
+    track_sigma: float = parameter(
+        0.02, "noise of the turn rate the tracks claim while driving straight, standard deviation", unit="rad/s",
+        low=1e-6, high=10.0,
+    )  # fmt: skip
+    track_slip: float = parameter(
+        0.1, "noise of the tracks added in turns, as a fraction of the turn rate", low=0.0, high=10.0
+    )
+    initial_scale: float = parameter(1.0, "turn rate claimed by the tracks over the true one", low=0.05, high=20.0)
+    initial_scale_sigma: float = parameter(0.3, "its standard deviation at the start", low=1e-6, high=10.0)
+    scale_walk: float = parameter(
+        0.01, "wander of the track scale: its standard deviation after one second", unit="1/sqrt(s)",
+        low=0.0, high=10.0,
+    )  # fmt: skip
+    gate_probability: float = parameter(
+        0.9999, "share of honest samples that the chi-square gate lets pass", low=0.5, high=1.0 - 1e-12
+    )
+    recovery_time: float = parameter(
+        1.0, "a sensor rejected for this long is listened to again, with widened noise", unit="s", low=0.0, high=600.0
+    )

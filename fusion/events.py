@@ -1,0 +1,115 @@
+"""Samples as events of the timeline: checked, and put into one total order."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import Enum, IntEnum
+
+from compass import YawIncrement
+from fusion.samples import GyroSample, OdometrySample
+
+Sample = GyroSample | OdometrySample | YawIncrement
+
+
+class Sensor(Enum):
+    """Where samples come from."""
+
+    GYRO = "gyro"
+    TRACKS = "tracks"
+    COMPASS = "compass"
+
+
+class Rank(IntEnum):
+    """Order among events of the same stamp: the yaw at an image is cloned after all that is known of that time."""
+
+    GYRO = 0
+    TRACKS = 1
+    COMPASS = 2
+    REFERENCE = 3
+
+
+@dataclass(frozen=True, slots=True)
+class GyroEvent:
+    """A gyro sample in the timeline."""
+
+    sample: GyroSample
+    t_ns: int
+    order: tuple[int | float, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class TracksEvent:
+    """An odometry sample in the timeline."""
+
+    sample: OdometrySample
+    t_ns: int
+    order: tuple[int | float, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class CompassEvent:
+    """A yaw increment in the timeline."""
+
+    sample: YawIncrement
+    t_ns: int
+    order: tuple[int | float, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class ReferenceEvent:
+    """The capture time of a compass reference, at which the yaw must be remembered."""
+
+    t_ns: int
+    order: tuple[int | float, ...]
+
+
+FusionEvent = GyroEvent | TracksEvent | CompassEvent | ReferenceEvent
+
+
+def event_of(sample: Sample) -> FusionEvent:
+    """Make the event of a sample that `fault_of` found sound."""
+    t = sample.t_ns
+    if isinstance(sample, GyroSample):
+        order = (t, Rank.GYRO, sample.yaw_rate, -1.0 if sample.variance is None else sample.variance)
+        return GyroEvent(sample, t, order)
+    if isinstance(sample, OdometrySample):
+        pose = (0, 0.0) if sample.yaw is None else (1, sample.yaw)
+        return TracksEvent(sample, t, (t, Rank.TRACKS, sample.yaw_rate, sample.speed, *pose))
+    return CompassEvent(sample, t, (t, Rank.COMPASS, sample.t_ref_ns, sample.yaw, sample.variance, sample.confidence))
+
+
+def reference_of(increment: YawIncrement) -> ReferenceEvent:
+    """Make the event that remembers the yaw at an increment's reference."""
+    return ReferenceEvent(increment.t_ref_ns, (increment.t_ref_ns, Rank.REFERENCE))
+
+
+def sensor_of(sample: Sample) -> Sensor:
+    """Name the sensor of a sample; anything else raises `TypeError`."""
+    if isinstance(sample, GyroSample):
+        return Sensor.GYRO
+    if isinstance(sample, OdometrySample):
+        return Sensor.TRACKS
+    if isinstance(sample, YawIncrement):
+        return Sensor.COMPASS
+    raise TypeError(f"{type(sample).__name__} is not a sample; give GyroSample, OdometrySample or YawIncrement")
+
+
+def fault_of(sample: Sample) -> str | None:
+    """Say what makes a sample unusable, None if it is sound."""
+    if sample.t_ns < 0:
+        return "negative stamp"
+    if isinstance(sample, YawIncrement):
+        numbers: tuple[float | None, ...] = (sample.yaw, sample.variance)
+        variance: float | None = sample.variance
+        if not 0 <= sample.t_ref_ns < sample.t_ns:
+            return "reference not before the image"
+    elif isinstance(sample, GyroSample):
+        numbers, variance = (sample.yaw_rate, sample.variance), sample.variance
+    else:
+        numbers, variance = (sample.yaw_rate, sample.speed, sample.yaw), None
+    if not all(math.isfinite(number) for number in numbers if number is not None):
+        return "not finite"
+    if variance is not None and variance <= 0.0:
+        return "variance not positive"
+    return None

@@ -1,0 +1,112 @@
+"""The one pipeline, live and offline: images and samples in, the fused yaw out."""
+
+from __future__ import annotations
+
+import logging
+from collections import Counter
+from collections.abc import Mapping
+from typing import Any
+
+import numpy.typing as npt
+
+from compass import CompassConfig, YawIncrement
+from fusion.config import FusionConfig
+from fusion.events import CompassEvent, FusionEvent, Sample, Sensor, event_of, fault_of, reference_of, sensor_of
+from fusion.filter import FilterState, YawFilter, estimate_of
+from fusion.gating import SensorReport
+from fusion.samples import YawEstimate
+from fusion.timeline import Arrival, Timeline
+
+log = logging.getLogger(__name__)
+JUMP_BACK = 10  # samples refused in a row as too old before time itself is taken to have jumped back
+
+
+class YawFusion:
+    """Fuses yaw increments, gyro and track odometry into one yaw.
+
+    Samples may come from any subset of the sensors, late, out of order and twice (see `FusionConfig.lag_window`).
+    A sample that cannot be used is refused and counted in `counts`, never an error.
+    """
+
+    def __init__(self, config: FusionConfig | None = None) -> None:
+        self.config = config or FusionConfig()
+        self.counts: Counter[str] = Counter()
+        self._filter = YawFilter(self.config)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget all samples and start anew from the initial yaw; the counts stay."""
+        lag_ns, reference_ns = (round(s * 1e9) for s in (self.config.lag_window, self.config.reference_window))
+        self._lag_ns, self._reference_ns = lag_ns, reference_ns
+        self._timeline: Timeline[FusionEvent, FilterState] = Timeline(
+            self._filter.start, self._filter.step, lag_ns + reference_ns
+        )
+        self._too_old_in_a_row = 0
+
+    def add(self, sample: Sample) -> bool:
+        """Take a sample at its own time; False if it was refused (why is in `counts`)."""
+        sensor = sensor_of(sample).value
+        fault = fault_of(sample)
+        if fault:
+            return self._refuse(sample, f"{sensor}: {fault}")
+        newest_ns = self._timeline.newest_ns
+        if newest_ns is not None and sample.t_ns < newest_ns - self._lag_ns:
+            self._too_old_in_a_row += 1
+            self._refuse(sample, f"{sensor}: older than lag_window")
+            if self._too_old_in_a_row < JUMP_BACK:
+                return False
+            log.warning("time jumped back to %d ns: fusion starts anew", sample.t_ns)
+            self.counts["reset: time jumped back"] += 1
+            self.reset()
+        self._too_old_in_a_row = 0
+        event = event_of(sample)
+        if isinstance(event, CompassEvent) and event.t_ns - event.sample.t_ref_ns <= self._reference_ns:
+            self._timeline.add(reference_of(event.sample))
+        arrival = self._timeline.add(event)
+        if arrival is Arrival.DUPLICATE:
+            return self._refuse(sample, f"{sensor}: duplicate")
+        self.counts[f"{sensor}: {'late' if arrival is Arrival.LATE else 'in order'}"] += 1
+        return True
+
+    def _refuse(self, sample: Sample, reason: str) -> bool:
+        self.counts[reason] += 1
+        log.debug("refused %s: %r", reason, sample)
+        return False
+
+    def estimate(self) -> YawEstimate | None:
+        """The estimate after the newest sample; None before the first."""
+        return estimate_of(self._timeline.state)
+
+    def reports(self) -> Mapping[Sensor, SensorReport | None]:
+        """How the last sample of each sensor fared at its gate."""
+        return {sensor: gate.report for sensor, gate in self._timeline.state.gates.items()}
+
+
+class YawPipeline:
+    """Compass and fusion in one: what both the live node and the offline run call."""
+
+    def __init__(self, compass_config: CompassConfig | None = None, fusion_config: FusionConfig | None = None) -> None:
+        from compass import VisualCompass  # type: ignore[attr-defined,unused-ignore]
+
+        self.compass = VisualCompass(compass_config or CompassConfig())
+        self.fusion = YawFusion(fusion_config)
+
+    def add_image(self, t_ns: int, image: npt.NDArray[Any], encoding: str = "") -> YawIncrement | None:
+        """Feed a panorama captured at `t_ns`; its increment, if any, is fused and returned."""
+        increment: YawIncrement | None = self.compass.update(t_ns, image, encoding)
+        if increment is not None:
+            self.fusion.add(increment)
+        return increment
+
+    def add(self, sample: Sample) -> bool:
+        """Feed a gyro or odometry sample (or an increment made elsewhere)."""
+        return self.fusion.add(sample)
+
+    def estimate(self) -> YawEstimate | None:
+        """The fused estimate after the newest sample; None before the first."""
+        return self.fusion.estimate()
+
+    def reset(self) -> None:
+        """Start compass and fusion anew."""
+        self.compass.reset()
+        self.fusion.reset()

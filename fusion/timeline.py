@@ -1,0 +1,105 @@
+"""Events in the order of their stamps, whatever the order of their arrival.
+
+The timeline keeps the events of the last `window` and the state after each. An event that comes late is put in its
+place, and what followed is replayed from the state before it.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from collections.abc import Callable
+from enum import Enum
+from typing import Generic, Protocol, TypeVar
+
+
+class Event(Protocol):
+    """Anything with a stamp and a place in a total order."""
+
+    @property
+    def t_ns(self) -> int:
+        """Stamp, ns."""
+
+    @property
+    def order(self) -> tuple[int | float, ...]:
+        """Sorts events, first by stamp; equal only for duplicates."""
+
+
+E = TypeVar("E", bound=Event)
+S = TypeVar("S")
+
+
+class Arrival(Enum):
+    """What became of an event on arrival."""
+
+    APPENDED = "newest"
+    LATE = "put in its place, what followed replayed"
+    DUPLICATE = "known already"
+    TOO_OLD = "older than the window"
+
+
+class Timeline(Generic[E, S]):
+    """Applies events in the order of their stamps.
+
+    Parameters
+    ----------
+    start : S
+        State before any event.
+    step : callable
+        ``step(state, event) -> state``; must leave the state it is given unchanged.
+    window_ns : int
+        How far behind the newest event another may come.
+    """
+
+    def __init__(self, start: S, step: Callable[[S, E], S], window_ns: int) -> None:
+        self._base = start
+        self._step = step
+        self._window_ns = window_ns
+        self._orders: list[tuple[int | float, ...]] = []
+        self._events: list[E] = []
+        self._states: list[S] = []
+        self._newest_ns: int | None = None
+
+    @property
+    def state(self) -> S:
+        """State after the newest event."""
+        return self._states[-1] if self._states else self._base
+
+    @property
+    def newest_ns(self) -> int | None:
+        """Stamp of the newest event, ns; None before the first."""
+        return self._newest_ns
+
+    def __len__(self) -> int:
+        return len(self._events)
+
+    def add(self, event: E) -> Arrival:
+        """Apply an event at its own time."""
+        if self._newest_ns is not None and event.t_ns < self._newest_ns - self._window_ns:
+            return Arrival.TOO_OLD
+        order = event.order
+        place = bisect_left(self._orders, order)
+        if place < len(self._orders) and self._orders[place] == order:
+            return Arrival.DUPLICATE
+        self._orders.insert(place, order)
+        self._events.insert(place, event)
+        self._replay(place)
+        late = place < len(self._events) - 1
+        self._newest_ns = self._events[-1].t_ns
+        self._forget()
+        return Arrival.LATE if late else Arrival.APPENDED
+
+    def _replay(self, place: int) -> None:
+        del self._states[place:]
+        state = self.state
+        for event in self._events[place:]:
+            state = self._step(state, event)
+            self._states.append(state)
+
+    def _forget(self) -> None:
+        oldest_ns = self._events[-1].t_ns - self._window_ns
+        count = 0
+        while self._events[count].t_ns < oldest_ns:
+            count += 1
+        if count > 64:  # in batches, as deleting from the front of a list moves the rest
+            self._base = self._states[count - 1]
+            del self._orders[:count], self._events[:count], self._states[:count]
