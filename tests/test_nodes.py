@@ -1,0 +1,96 @@
+"""The nodes as separate processes on the real rclpy."""
+
+from __future__ import annotations
+
+import math
+import signal
+
+import pytest
+from nav_msgs.msg import Odometry
+from ros_harness import (
+    START_NS,
+    Robot,
+    image_message,
+    imu_message,
+    jpeg_message,
+    odometry_message,
+    panorama,
+    scene,
+    stamp_of,
+    started,
+    wait_for,
+    yaw_of,
+)
+from sensor_msgs.msg import CompressedImage, Image, Imu
+
+FRAME_NS = 50_000_000
+TURN = math.radians(2.0)  # per frame
+RATE = TURN / (FRAME_NS * 1e-9)
+
+
+@pytest.fixture
+def robot():
+    robot = Robot()
+    yield robot
+    robot.close()
+
+
+def serve(send, messages, heard, what):
+    """Send one message at a time, each once the one before it is answered: nothing depends on speed."""
+    for message in messages:
+        before = len(heard)
+        send(message)
+        wait_for(lambda before=before: len(heard) > before, f"{what} at {stamp_of(message)}")
+
+
+def first_image(image, message_at, heard):
+    """Show the first view again and again until an increment comes: the first image has nothing to compare with."""
+    before = len(heard)
+    for repeat in range(60):
+        image(message_at(START_NS + (repeat - 60) * 1_000_000))
+        try:
+            wait_for(lambda: len(heard) > before, "the first increment", patience=0.5)
+            return
+        except AssertionError:
+            continue
+    pytest.fail("no increment of the compass in 30 s")
+
+
+def test_fusion_node_turn_gives_raw_and_fused_yaw(robot, tmp_path):
+    texture = scene()
+    with started("nodes.fusion_node", tmp_path / "log") as node:
+        compass = robot.listen(Odometry, "/compass_pose")
+        fused = robot.listen(Odometry, "/odometry/fused")
+        gyro = robot.connect(Imu, "/imu/data")
+        tracks = robot.connect(Odometry, "/odom")
+        image = robot.connect(Image, "/viz/pano/image")
+        robot.wait_publisher("/odometry/fused")
+        robot.wait_publisher("/compass_pose")
+        first_image(image, lambda t: image_message(t, panorama(0.0, texture)), compass)
+        for k in range(1, 21):
+            t = START_NS + k * FRAME_NS
+            serve(gyro, [imu_message(t, RATE)], fused, "fused yaw")
+            serve(tracks, [odometry_message(t + 1, RATE)], fused, "fused yaw")
+            serve(image, [image_message(t, panorama(k * TURN, texture))], compass, "compass")
+        # 20 frames of 2 degrees; at 512 columns a pixel is 0.7 degrees, and the texture has no noise
+        assert math.degrees(yaw_of(compass[-1])) == pytest.approx(40.0, abs=0.1)
+        assert compass[-1].twist.twist.angular.z == pytest.approx(RATE, rel=0.02)
+        assert stamp_of(compass[-1]) == START_NS + 20 * FRAME_NS
+        assert math.degrees(yaw_of(fused[-1])) == pytest.approx(40.0, abs=0.5)
+        code, seconds = node.end(signal.SIGTERM)
+        assert (code, seconds < 5.0, node.text()) == (0, True, "")
+
+
+def test_compass_node_compressed_images(robot, tmp_path):
+    texture = scene()
+    with started("nodes.compass_node", tmp_path / "log", image_transport="compressed", compass_image="/camera") as node:
+        compass = robot.listen(Odometry, "/compass_pose")
+        image = robot.connect(CompressedImage, "/camera/compressed")
+        robot.wait_publisher("/compass_pose")
+        first_image(image, lambda t: jpeg_message(t, panorama(0.0, texture)), compass)
+        start = len(compass)
+        frames = [jpeg_message(START_NS + k * FRAME_NS, panorama(-k * TURN, texture)) for k in range(1, 6)]
+        serve(image, frames, compass, "compass")
+        assert len(compass) == start + 5
+        assert math.degrees(yaw_of(compass[-1])) == pytest.approx(-10.0, abs=0.2)
+        assert node.end(signal.SIGINT)[0] == 0
