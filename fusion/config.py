@@ -42,15 +42,27 @@ class FusionConfig(ParameterSet):
         0.02, "noise of the turn rate the tracks claim while driving straight, standard deviation", unit="rad/s",
         low=1e-6, high=10.0,
     )  # fmt: skip
+    odometry: str = parameter(
+        "twist", "what of the track odometry is fused: its turn rate or the turn between its poses",
+        choices=("twist", "pose"),
+    )  # fmt: skip
     track_slip: float = parameter(
-        0.1, "noise of the tracks added in turns, as a fraction of the turn rate", low=0.0, high=10.0
+        0.1,
+        "how far the tracks' turn rate strays in turns, as a fraction of it, standard deviation",
+        low=0.0,
+        high=10.0,
     )
+    slip_time: float = parameter(0.5, "how long such straying lasts", unit="s", low=1e-3, high=1e3)
     initial_scale: float = parameter(1.0, "turn rate claimed by the tracks over the true one", low=0.05, high=20.0)
-    initial_scale_sigma: float = parameter(0.3, "its standard deviation at the start", low=1e-6, high=10.0)
+    initial_scale_sigma: float = parameter(0.2, "its standard deviation at the start", low=1e-6, high=10.0)
     scale_walk: float = parameter(
-        0.01, "wander of the track scale: its standard deviation after one second", unit="1/sqrt(s)",
+        0.002, "wander of the track scale: its standard deviation after one second", unit="1/sqrt(s)",
         low=0.0, high=10.0,
     )  # fmt: skip
+    compass_error_share: float = parameter(
+        0.5, "share of the compass's variance that lasts from image to image (reference, parallax)", low=0.0, high=0.999
+    )
+    compass_error_time: float = parameter(1.0, "how long that share lasts", unit="s", low=1e-3, high=1e3)
     gate_probability: float = parameter(
         0.9999, "share of honest samples that the chi-square gate lets pass", low=0.5, high=1.0 - 1e-12
     )

@@ -6,9 +6,10 @@ with Jacobian ``H`` and noise variance ``R``, innovation variance ``S``, gain ``
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
 from dataclasses import dataclass
 from enum import IntEnum
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -18,20 +19,24 @@ from compass import wrap_angle
 from fusion.config import FusionConfig
 
 Array = npt.NDArray[np.float64]
-CLONES = 4
+CLONES = 3
 
 
 class State(IntEnum):
     """Where each quantity stands in the state vector."""
 
     YAW = 0  # accumulated, rad
-    RATE = 1  # rad/s
-    BIAS = 2  # of the gyro, rad/s
-    SCALE = 3  # turn rate claimed by the tracks over the true one
-    CLONE = 4  # first of CLONES past yaws, rad
+    RATE = 1  # turn rate, rad/s
+    BIAS = 2  # what the gyro adds to the rate, rad/s
+    SCALE = 3  # turn rate claimed by the tracks over the true one, the lasting part
+    SLIP = 4  # the passing part: scale + slip is what holds now
+    COMPASS_ERROR = 5  # lasting error of the compass, in units of its standard deviation
+    TRACK_REF = 6  # yaw at the last pose of the track odometry, rad
+    CLONE = 7  # first of CLONES yaws at compass references, rad
 
 
 DIM = State.CLONE + CLONES
+YAWS = np.array([s == State.YAW or s >= State.TRACK_REF for s in range(DIM)])
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,18 +66,23 @@ class YawEkf(ExtendedKalmanFilter):
     cloning", doi:10.1109/ROBOT.2002.1014801).
     """
 
+    x: Array
+    P: Array
+
     def __init__(self, config: FusionConfig) -> None:
         super().__init__(dim_x=DIM, dim_z=1)  # type: ignore[no-untyped-call]
         self.config = config
         self.x = np.zeros(DIM)
-        self.x[State.YAW] = config.initial_yaw
+        self.x[YAWS] = config.initial_yaw
         self.x[State.SCALE] = config.initial_scale
         sigma = np.zeros(DIM)
-        sigma[State.YAW] = config.initial_yaw_sigma
         sigma[State.RATE] = config.initial_rate_sigma
         sigma[State.BIAS] = config.initial_bias_sigma
         sigma[State.SCALE] = config.initial_scale_sigma
+        sigma[State.SLIP] = config.track_slip
+        sigma[State.COMPASS_ERROR] = 1.0
         self.P = np.diag(sigma**2)
+        self.P[np.ix_(YAWS, YAWS)] = config.initial_yaw_sigma**2
 
     def predict_for(self, dt: float) -> None:
         """Move the state on by `dt` seconds."""
@@ -80,69 +90,123 @@ class YawEkf(ExtendedKalmanFilter):
         self.predict()  # type: ignore[no-untyped-call]
 
     def transition(self, dt: float) -> tuple[Array, Array]:
-        """Transition and process noise over `dt` seconds.
+        """Transition F and process noise Q over `dt` seconds.
 
-        The turn rate walks randomly. Once its variance would exceed that of a robot nobody measures, it relaxes to
-        zero instead (Ornstein-Uhlenbeck process whose stationary variance is ``initial_rate_sigma**2``).
+        The turn rate walks randomly, the yaw is its integral; once the rate's variance would exceed that of a robot
+        nobody measures, it relaxes to zero instead. Bias and scale walk, slip and compass error are Gauss-Markov.
         """
-        q = self.config.rate_walk**2
-        prior = self.config.initial_rate_sigma**2
+        config = self.config
+        q, prior = config.rate_walk**2, config.initial_rate_sigma**2
         F, Q = np.eye(DIM), np.zeros((DIM, DIM))
+        F[State.YAW, State.RATE] = dt
         if self.P[State.RATE, State.RATE] + q * dt > prior:
-            decay = np.exp(-dt * q / (2.0 * prior))
-            F[State.YAW, State.RATE] = (1.0 - decay) * 2.0 * prior / q
-            F[State.RATE, State.RATE] = decay
-        else:
-            F[State.YAW, State.RATE] = dt
+            relax = q / (2.0 * prior)
+            F[State.RATE, State.RATE] = math.exp(-relax * dt)
+            F[State.YAW, State.RATE] = -math.expm1(-relax * dt) / relax
         Q[State.YAW, State.YAW] = q * dt**3 / 3.0
         Q[State.YAW, State.RATE] = Q[State.RATE, State.YAW] = q * dt**2 / 2.0
         Q[State.RATE, State.RATE] = q * dt
-        Q[State.BIAS, State.BIAS] = self.config.bias_walk**2 * dt
-        Q[State.SCALE, State.SCALE] = self.config.scale_walk**2 * dt
+        Q[State.BIAS, State.BIAS] = config.bias_walk**2 * dt
+        Q[State.SCALE, State.SCALE] = config.scale_walk**2 * dt
+        F[State.SLIP, State.SLIP] = math.exp(-dt / config.slip_time)
+        Q[State.SLIP, State.SLIP] = -(config.track_slip**2) * math.expm1(-2.0 * dt / config.slip_time)
+        F[State.COMPASS_ERROR, State.COMPASS_ERROR] = math.exp(-dt / config.compass_error_time)
+        Q[State.COMPASS_ERROR, State.COMPASS_ERROR] = -math.expm1(-2.0 * dt / config.compass_error_time)
         return F, Q
 
-    def clone_yaw(self, slot: int) -> None:
-        """Copy the present yaw, with all its correlations, into clone `slot`."""
+    def clone_yaw(self, into: int) -> None:
+        """Copy the present yaw, with all its correlations, into state `into`."""
         source = np.arange(DIM)
-        source[State.CLONE + slot] = State.YAW
+        source[into] = State.YAW
         self.x = self.x[source]
         self.P = self.P[np.ix_(source, source)]
+
+    def renew(self, index: State, variance: float) -> None:
+        """Forget state `index`: it is 0, known with `variance` (its unit squared), and tells nothing of others."""
+        keep = np.arange(DIM) != index
+        self.x = np.where(keep, self.x, 0.0)
+        self.P = np.where(keep[:, None] & keep, self.P, 0.0)
+        self.P[index, index] = variance
+
+    def anchor(self, into: int, measurement: Measurement) -> None:
+        """Set clone `into` to what a compass measurement since it says, as if nothing had been known of it.
+
+        Afterwards the measurement's innovation is zero: it tells nothing of the present yaw, those after it will.
+        """
+        T = np.eye(DIM)
+        T[into] += measurement.H[0]  # the measured difference is yaw - clone + lasting error + noise
+        self.x = self.x.copy()
+        self.x[into] -= measurement.innovation
+        self.P = T @ self.P @ T.T
+        self.P[into, into] += measurement.R
+
+    def turn_frame(self, heading: float, variance: float) -> None:
+        """Give the present yaw a new value, known with `variance`, without losing the turn count or the references."""
+        turn = float(wrap_angle(heading - self.x[State.YAW]))
+        self.x = self.x + np.where(YAWS, turn, 0.0)
+        T = np.eye(DIM)
+        T[YAWS, State.YAW] -= 1.0  # past yaws keep their difference to the present one, and its uncertainty
+        self.P = T @ self.P @ T.T
+        self.P[np.ix_(YAWS, YAWS)] += variance
 
     def gyro(self, yaw_rate: float, variance: float | None) -> Measurement:
         """What a gyro sample (rad/s, variance (rad/s)^2) says: rate plus bias."""
         H = np.zeros((1, DIM))
         H[0, State.RATE] = H[0, State.BIAS] = 1.0
         R = self.config.gyro_sigma**2 if variance is None else variance
-        return Measurement(float(yaw_rate - self.x[State.RATE] - self.x[State.BIAS]), H, R)
+        return Measurement(yaw_rate - float(self.x[State.RATE] + self.x[State.BIAS]), H, R)
 
-    def tracks(self, yaw_rate: float) -> Measurement:
-        """What the tracks' claimed turn rate (rad/s) says: scale times rate."""
-        rate, scale = float(self.x[State.RATE]), float(self.x[State.SCALE])
-        H = np.zeros((1, DIM))
-        H[0, State.RATE], H[0, State.SCALE] = scale, rate
-        R = self.config.track_sigma**2 + (self.config.track_slip * rate) ** 2
-        return Measurement(yaw_rate - scale * rate, H, R)
+    def track_rate(self, yaw_rate: float) -> Measurement:
+        """What the tracks' claimed turn rate (rad/s) says: (scale + slip) times rate."""
+        return self._tracks(yaw_rate, {State.RATE: 1.0}, self.config.track_sigma**2)
 
-    def compass(self, yaw: float, variance: float, slot: int) -> Measurement:
-        """What an increment (rad, variance rad^2) since clone `slot` says: a difference of yaws, modulo a turn."""
+    def track_turn(self, turn: float, dt: float) -> Measurement:
+        """What the turn (rad) between two poses `dt` s apart says: (scale + slip) times the true turn."""
+        R = (self.config.track_sigma * dt) ** 2
+        return self._tracks(turn, {State.YAW: 1.0, State.TRACK_REF: -1.0}, R, modulo_turn=True)
+
+    def _tracks(self, z: float, motion: dict[State, float], R: float, *, modulo_turn: bool = False) -> Measurement:
+        """A product of two uncertain states, to second order (Bar-Shalom, Li & Kirubarajan 2001, section 10.3.2)."""
+        M = np.zeros(DIM)
+        for state, sign in motion.items():
+            M[state] = sign
+        G = np.zeros(DIM)
+        G[State.SCALE] = G[State.SLIP] = 1.0
+        moved, gain = float(M @ self.x), float(G @ self.x)
+        cross = float(G @ self.P @ M)
+        R += float(G @ self.P @ G) * float(M @ self.P @ M) + cross**2
+        innovation = z - gain * moved - cross
+        return Measurement(
+            float(wrap_angle(innovation)) if modulo_turn else innovation, (gain * M + moved * G)[None, :], R
+        )
+
+    def compass(self, yaw: float, variance: float, clone: int) -> Measurement:
+        """What an increment (rad, variance rad^2) since state `clone` says: a difference of yaws, modulo a turn.
+
+        Part of its error lasts from image to image (the reference's own error, parallax): the share
+        ``compass_error_share`` of the variance is that of a Gauss-Markov state, the rest is white.
+        """
+        share = self.config.compass_error_share
         H = np.zeros((1, DIM))
-        H[0, State.YAW], H[0, State.CLONE + slot] = 1.0, -1.0
-        expected = self.x[State.YAW] - self.x[State.CLONE + slot]
-        return Measurement(float(wrap_angle(yaw - expected)), H, variance)
+        H[0, State.YAW], H[0, clone] = 1.0, -1.0
+        H[0, State.COMPASS_ERROR] = math.sqrt(share * variance)
+        return Measurement(float(wrap_angle(yaw - float((H @ self.x)[0]))), H, (1.0 - share) * variance)
 
     def innovation_variance(self, measurement: Measurement) -> float:
         """Variance S that the innovation should have."""
-        H = measurement.H
-        return float((H @ self.P @ H.T)[0, 0]) + measurement.R
+        return float((measurement.H @ self.P @ measurement.H.T)[0, 0]) + measurement.R
 
-    def correct(self, measurement: Measurement, R: float | None = None) -> None:
-        """Update with a measurement made from the present state, optionally with another noise variance."""
+    def correct(self, measurement: Measurement) -> None:
+        """Update with a measurement made from the present state."""
         innovation = np.array([measurement.innovation])
-        residual: Callable[[Array, Array], Array] = lambda z, hx: innovation  # noqa: E731 - wrapped already
+
+        def wrapped_residual(z: Any, expected: Any) -> Array:
+            return innovation
+
         self.update(  # type: ignore[no-untyped-call]
             innovation,
             HJacobian=lambda x: measurement.H,
-            Hx=lambda x: measurement.H @ x,
-            R=measurement.R if R is None else R,
-            residual=residual,
+            Hx=lambda x: None,  # expected value: taken off already
+            R=measurement.R,
+            residual=wrapped_residual,
         )

@@ -27,6 +27,7 @@ class Rank(IntEnum):
     TRACKS = 1
     COMPASS = 2
     REFERENCE = 3
+    HEADING = 4
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,7 +65,17 @@ class ReferenceEvent:
     order: tuple[int | float, ...]
 
 
-FusionEvent = GyroEvent | TracksEvent | CompassEvent | ReferenceEvent
+@dataclass(frozen=True, slots=True)
+class HeadingEvent:
+    """Someone who knows says what the yaw is, modulo a turn (rad, variance rad^2)."""
+
+    heading: float
+    variance: float
+    t_ns: int
+    order: tuple[int | float, ...]
+
+
+FusionEvent = GyroEvent | TracksEvent | CompassEvent | ReferenceEvent | HeadingEvent
 
 
 def event_of(sample: Sample) -> FusionEvent:
@@ -113,3 +124,8 @@ def fault_of(sample: Sample) -> str | None:
     if variance is not None and variance <= 0.0:
         return "variance not positive"
     return None
+
+
+def heading_of(t_ns: int, heading: float, variance: float) -> HeadingEvent:
+    """Make the event that turns the frame."""
+    return HeadingEvent(heading, variance, t_ns, (t_ns, Rank.HEADING, heading, variance))

@@ -15,7 +15,7 @@ class Verdict(Enum):
 
     ACCEPTED = "accepted"
     REJECTED = "innovation outside the gate"
-    RECOVERED = "outside the gate for so long that it is believed again, with widened noise"
+    RECOVERED = "outside the gate for so long that the filter gives way"
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,8 +28,6 @@ class SensorReport:
         Its stamp.
     innovation, innovation_sigma : float
         Measured minus expected, and the standard deviation it should have, in the sensor's unit (rad/s or rad).
-    nis : float
-        Normalised innovation squared; averages 1 in a healthy filter.
     verdict : Verdict
         Whether it was used.
     accepted, rejected, recovered : int
@@ -39,37 +37,47 @@ class SensorReport:
     t_ns: int
     innovation: float
     innovation_sigma: float
-    nis: float
     verdict: Verdict
     accepted: int
     rejected: int
     recovered: int
 
+    @property
+    def nis(self) -> float:
+        """Normalised innovation squared; averages 1 in a healthy filter."""
+        return (self.innovation / self.innovation_sigma) ** 2
+
+
+def gate_limit(config: FusionConfig) -> float:
+    """Largest normalised innovation squared to let pass (chi-square of one degree of freedom)."""
+    return float(chdtri(1, 1.0 - config.gate_probability))
+
 
 @dataclass(frozen=True, slots=True)
 class Gate:
-    """State of one sensor's gate; `judge` gives the next state."""
+    """State of one sensor's gate.
 
-    rejected_since_ns: int | None = None
+    Attributes
+    ----------
+    rejecting_since_ns : int or None
+        Stamp of the first of the samples rejected in a row, None after an accepted one.
+    report : SensorReport or None
+        On the last sample.
+    """
+
+    rejecting_since_ns: int | None = None
     report: SensorReport | None = None
 
-    def judge(
-        self, t_ns: int, innovation: float, S: float, R: float, config: FusionConfig
-    ) -> tuple[Gate, float | None]:
-        """Judge an innovation of variance `S` and noise `R`; return the next gate and the noise to use (None: skip)."""
-        limit = float(chdtri(1, 1.0 - config.gate_probability))
-        nis = innovation**2 / S
-        since = self.rejected_since_ns
-        if nis <= limit:
-            verdict, noise, since = Verdict.ACCEPTED, R, None
+    def judge(self, t_ns: int, innovation: float, S: float, limit: float, recovery_ns: int) -> Gate:
+        """Next state of the gate after an innovation of variance `S`; its verdict is in the report."""
+        since = self.rejecting_since_ns
+        if innovation**2 <= limit * S:
+            verdict, since = Verdict.ACCEPTED, None
+        elif since is None or t_ns - since < recovery_ns:
+            verdict, since = Verdict.REJECTED, t_ns if since is None else since
         else:
-            since = t_ns if since is None else since
-            if (t_ns - since) * 1e-9 >= config.recovery_time:
-                # widened so that the innovation lies exactly on the gate
-                verdict, noise = Verdict.RECOVERED, R + innovation**2 / limit - S
-            else:
-                verdict, noise = Verdict.REJECTED, None
+            verdict, since = Verdict.RECOVERED, None
         old = self.report
         counts = (old.accepted, old.rejected, old.recovered) if old else (0, 0, 0)
-        a, r, c = (n + (verdict is v) for n, v in zip(counts, Verdict, strict=True))
-        return Gate(since, SensorReport(t_ns, innovation, S**0.5, nis, verdict, a, r, c)), noise
+        accepted, rejected, recovered = (n + (verdict is v) for n, v in zip(counts, Verdict, strict=True))
+        return Gate(since, SensorReport(t_ns, innovation, S**0.5, verdict, accepted, rejected, recovered))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 from collections import Counter
 from collections.abc import Mapping
 from typing import Any
@@ -11,7 +12,17 @@ import numpy.typing as npt
 
 from compass import CompassConfig, YawIncrement
 from fusion.config import FusionConfig
-from fusion.events import CompassEvent, FusionEvent, Sample, Sensor, event_of, fault_of, reference_of, sensor_of
+from fusion.events import (
+    CompassEvent,
+    FusionEvent,
+    Sample,
+    Sensor,
+    event_of,
+    fault_of,
+    heading_of,
+    reference_of,
+    sensor_of,
+)
 from fusion.filter import FilterState, YawFilter, estimate_of
 from fusion.gating import SensorReport
 from fusion.samples import YawEstimate
@@ -67,6 +78,20 @@ class YawFusion:
             return self._refuse(sample, f"{sensor}: duplicate")
         self.counts[f"{sensor}: {'late' if arrival is Arrival.LATE else 'in order'}"] += 1
         return True
+
+    def set_yaw(self, heading: float, variance: float) -> None:
+        """Say what the yaw is now, modulo a turn (rad, variance rad^2): the turn count and all references stay.
+
+        Raises
+        ------
+        ValueError
+            `heading` or `variance` is not finite, or `variance` not positive.
+        """
+        if not (math.isfinite(heading) and math.isfinite(variance) and variance > 0.0):
+            raise ValueError(
+                f"heading {heading!r} rad, variance {variance!r} rad^2: finite and positive ones are needed"
+            )
+        self._timeline.add(heading_of(self._timeline.newest_ns or 0, heading, variance))
 
     def _refuse(self, sample: Sample, reason: str) -> bool:
         self.counts[reason] += 1
