@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import threading
+import traceback
 from collections.abc import Callable
 
 from nav_msgs.msg import Odometry
@@ -16,9 +17,10 @@ from sensor_msgs.msg import CompressedImage, Image
 from compass import CompassStatus, VisualCompass, YawIncrement
 from compass.errors import VisualCompassError
 from fusion.compass_rate import CompassRate
+from fusion.messages import image_of, stamp_to_ns
 from fusion.settings import Settings
 from nodes.complaints import Complaints
-from nodes.conversions import image_of, stamp_to_ns, yaw_odometry
+from nodes.conversions import yaw_odometry
 from nodes.images import NewestWorker
 
 IMAGE_QOS = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -93,6 +95,9 @@ class CompassStream:
                 self._serve(message)
         except VisualCompassError as error:
             self._complain(self.topic, error)
+        except Exception:
+            if self._node.context.ok():  # else the publisher's context ended: the node is about to
+                self._complain(self.topic, traceback.format_exc())
 
     def _serve(self, message: Image | CompressedImage) -> None:
         t_ns = stamp_to_ns(message.header.stamp)

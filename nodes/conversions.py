@@ -1,91 +1,26 @@
-"""ROS messages to the samples of the pipeline, and its results to ROS messages. Pure functions."""
+"""Results of the pipeline to ROS messages. Pure functions; the way in is `fusion.messages`."""
 
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
-from sensor_msgs.msg import CompressedImage, Image, Imu
 
-from compass.errors import VisualCompassError
-from compass.image import image_from_compressed, image_from_raw
-from fusion import GyroSample, OdometrySample, YawEstimate
-from fusion.vertical import ImuLevel
+from fusion import YawEstimate
+from fusion.messages import MessageError, yaw_of
 
 UNMEASURED = 1e6  # variance of an axis nobody measured: large, yet finite, so that a filter can invert it
 YAW = 35  # place of the yaw's variance in a row-major 6x6 covariance
-
-
-class MessageError(VisualCompassError, ValueError):
-    """A message that cannot become a sample."""
-
-
-def stamp_to_ns(stamp: Any) -> int:
-    """Integer nanoseconds of a ``builtin_interfaces/Time``; `MessageError` where it was never set."""
-    t_ns = int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
-    if t_ns <= 0:
-        raise MessageError("header.stamp is zero: the driver must stamp its messages with the moment of capture")
-    return t_ns
 
 
 def ns_to_stamp(t_ns: int) -> Time:
     """``builtin_interfaces/Time`` of integer nanoseconds."""
     sec, nanosec = divmod(t_ns, 1_000_000_000)
     return Time(sec=sec, nanosec=nanosec)
-
-
-def image_of(message: Image | CompressedImage, columns: int) -> tuple[npt.NDArray[Any], str]:
-    """Pixels of an image message and their encoding; a view of the message where no decoding is needed.
-
-    Parameters
-    ----------
-    message : Image or CompressedImage
-        Raw image, or JPEG or PNG bytes.
-    columns : int
-        Width the compass works at; a JPEG is decoded no larger than this needs.
-
-    Raises
-    ------
-    ImageError
-        Unknown encoding, zero size, wrong `step` or length of `data`, corrupt JPEG.
-    """
-    if isinstance(message, CompressedImage):
-        return image_from_compressed(message.data, columns), ""
-    m = message
-    return image_from_raw(m.data, m.encoding, m.height, m.width, m.step, bool(m.is_bigendian)), m.encoding
-
-
-def gyro_sample(message: Imu, level: ImuLevel) -> GyroSample:
-    """Turn rate about the vertical from an IMU message; `level` knows how the IMU is mounted.
-
-    Raises
-    ------
-    MessageError
-        Zero stamp, or an IMU that says it has no gyro.
-    """
-    t_ns = stamp_to_ns(message.header.stamp)
-    rate, force, turn = message.angular_velocity, message.linear_acceleration, message.orientation
-    if message.angular_velocity_covariance[0] < 0.0:  # sensor_msgs/Imu: -1 says that the field is not measured
-        raise MessageError("Imu without angular velocity (its covariance begins with -1)")
-    return level.sample(
-        t_ns,
-        (rate.x, rate.y, rate.z),
-        None if message.linear_acceleration_covariance[0] < 0.0 else (force.x, force.y, force.z),
-        None if message.orientation_covariance[0] < 0.0 else (turn.x, turn.y, turn.z, turn.w),
-    )
-
-
-def odometry_sample(message: Odometry) -> OdometrySample:
-    """What the tracks claim; `MessageError` for a zero stamp."""
-    twist = message.twist.twist
-    return OdometrySample(
-        stamp_to_ns(message.header.stamp), twist.angular.z, twist.linear.x, yaw_of(message.pose.pose.orientation)
-    )
 
 
 def pose_yaw(message: PoseWithCovarianceStamped) -> tuple[float, float]:
@@ -102,14 +37,6 @@ def pose_yaw(message: PoseWithCovarianceStamped) -> tuple[float, float]:
     if not 0.0 <= variance < math.inf:
         raise MessageError(f"set_pose: variance of yaw is {variance:g}; give 0 or more")
     return yaw, variance
-
-
-def yaw_of(quaternion: Any) -> float | None:
-    """Yaw of a quaternion message, rad in [-pi, pi]; None where it is no rotation (REP-103: about z, up)."""
-    x, y, z, w = quaternion.x, quaternion.y, quaternion.z, quaternion.w
-    if not 0.9 < x * x + y * y + z * z + w * w < 1.1:  # false for NaN too
-        return None
-    return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
 
 
 def yaw_odometry(

@@ -15,11 +15,12 @@ from sensor_msgs.msg import Imu
 from compass import YawIncrement
 from compass.errors import VisualCompassError
 from fusion import GyroSample, OdometrySample, YawPipeline
+from fusion.messages import gyro_sample, odometry_sample
 from fusion.settings import Settings
 from fusion.vertical import ImuLevel
 from nodes.compass_stream import CompassStream
 from nodes.complaints import Complaints
-from nodes.conversions import fused_odometry, gyro_sample, odometry_sample
+from nodes.conversions import fused_odometry
 from nodes.parameters import NodeParameters
 from nodes.runtime import run
 

@@ -42,7 +42,7 @@ class Process:
         for name, value in parameters.items():
             command += ["-p", f"{name}:={str(value).lower() if isinstance(value, bool) else value}"]
         self.log = log
-        environment = dict(os.environ, OPENBLAS_NUM_THREADS="1", PYTHONUNBUFFERED="1")
+        environment = dict(os.environ, OPENBLAS_NUM_THREADS="1", PYTHONUNBUFFERED="1", PYTHONFAULTHANDLER="1")
         with log.open("wb") as out:
             self._process = subprocess.Popen(command, cwd=ROOT, env=environment, stdout=out, stderr=subprocess.STDOUT)
 
@@ -65,7 +65,12 @@ class Process:
         """Send a signal; returns exit code and seconds until the end."""
         start = time.monotonic()
         self._process.send_signal(how)
-        return self._process.wait(PATIENCE_S), time.monotonic() - start
+        try:
+            return self._process.wait(PATIENCE_S), time.monotonic() - start
+        except subprocess.TimeoutExpired:
+            self._process.send_signal(signal.SIGABRT)  # its fault handler writes where every thread stands
+            self._process.wait(PATIENCE_S)
+            raise AssertionError(f"{how.name} did not end the node in {PATIENCE_S:g} s:\n{self.text()}") from None
 
     def close(self) -> None:
         if self.alive:
