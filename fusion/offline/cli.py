@@ -1,5 +1,90 @@
-"""The command line."""
+"""The command line: arguments here, the work in the module of each command."""
+
+from __future__ import annotations
+
+import logging
+import signal
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TypeVar
+
+import click
+
+from compass.errors import VisualCompassError
+
+Command = TypeVar("Command", bound=Callable[..., None])
+
+_PATH = click.Path(path_type=Path)
 
 
-def main() -> None:
-    """Entry point of ``visual-compass``."""
+@click.group(context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(package_name="visual-compass")
+@click.option("-v", "--verbose", is_flag=True, help="Tell what is being done.")
+def cli(verbose: bool) -> None:
+    """Yaw of a tracked robot from a 360-degree camera, a gyro and track odometry."""
+    logging.basicConfig(level=logging.INFO if verbose else logging.WARNING, format="%(message)s", stream=sys.stderr)
+
+
+def _topic_options(command: Command) -> Command:
+    """Options that name topics; each is found by its type when left out."""
+    for sensor, what in (
+        ("truth", "Ground truth, nav_msgs/Odometry."),
+        ("odometry", "Track odometry, nav_msgs/Odometry."),
+        ("gyro", "Gyro, sensor_msgs/Imu."),
+        ("image", "Panoramas, sensor_msgs/Image or CompressedImage."),
+    ):
+        text = f"{what} 'none' leaves it out."
+        command = click.option(f"--{sensor}-topic", sensor, metavar="T", help=text)(command)
+    return command
+
+
+@cli.command()
+@click.argument("bag", type=_PATH)
+@click.option("--out", type=_PATH, metavar="DIR", help="Folder for the results  [default: ./<bag>_yaw]")
+@click.option("--config", type=_PATH, metavar="YAML", help="Parameters in ROS form; see config/visual_compass.yaml.")
+@_topic_options
+def fuse(
+    bag: Path,
+    out: Path | None,
+    config: Path | None,
+    image: str | None,
+    gyro: str | None,
+    odometry: str | None,
+    truth: str | None,
+) -> None:
+    """Fuse BAG (ROS 1, rosbag2 sqlite3 or MCAP) and write yaw.csv, *.tum, result.mcap, summary.json and yaw.png."""
+    from fusion.offline.fuse import fuse_bag
+    from fusion.offline.summary import yaw_table
+    from fusion.offline.topics import TopicRequest
+    from fusion.settings import load_settings
+
+    fused = fuse_bag(bag, out, load_settings(config), TopicRequest(image, gyro, odometry, truth))
+    click.echo(yaw_table(fused.summary))
+    click.echo(f"results in {fused.folder}/, plot in {fused.folder / 'yaw.png'}")
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Entry point of ``visual-compass``: the only place that prints errors and chooses the exit code."""
+    signal.signal(signal.SIGTERM, _terminate)
+    try:
+        cli.main(arguments, prog_name="visual-compass", standalone_mode=False)
+    except VisualCompassError as error:
+        click.echo(f"visual-compass: {' '.join(str(error).split())}", err=True)
+        return 1
+    except click.ClickException as error:
+        error.show()
+        return error.exit_code
+    except (KeyboardInterrupt, click.Abort):
+        click.echo("visual-compass: interrupted, nothing was written", err=True)
+        return 130
+    return 0
+
+
+def _terminate(signum: int, frame: object) -> None:
+    """End as on Ctrl-C, so that temporary files go."""
+    raise KeyboardInterrupt
+
+
+if __name__ == "__main__":
+    sys.exit(main())

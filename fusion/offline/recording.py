@@ -1,0 +1,273 @@
+"""What is fused, ordered by ``header.stamp``: small samples as arrays, panoramas as a stream."""
+
+from __future__ import annotations
+
+import heapq
+import logging
+from array import array
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from compass.errors import ImageError
+from compass.image import Image
+from fusion.messages import ImuReading, MessageError, image_of, imu_reading, odometry_sample
+from fusion.offline.bag import Bag, BagError, Message, Topic
+from fusion.offline.decode import decode_ahead
+from fusion.offline.topics import TopicChoice
+from fusion.samples import GyroSample, OdometrySample
+from fusion.vertical import ImuConfig, ImuLevel
+
+log = logging.getLogger(__name__)
+
+FRAMES_OUT_OF_ORDER = 8  # images are put in order within so many; further ones the compass refuses and counts
+HOPELESS = 10  # after so many unusable images and no usable one the reason is given and the run ends
+
+Floats = npt.NDArray[np.float64]
+Times = npt.NDArray[np.int64]
+Progress = Callable[[float], None]  # takes the finished part, 0..1
+
+
+@dataclass(frozen=True, slots=True)
+class GyroTrack:
+    """All gyro samples: `t_ns` (N,) sorted, `yaw_rate` (N,) rad/s about the vertical."""
+
+    t_ns: Times
+    yaw_rate: Floats
+
+    def samples(self) -> Iterator[GyroSample]:
+        """One by one, for the filter."""
+        for t_ns, rate in zip(self.t_ns, self.yaw_rate, strict=True):
+            yield GyroSample(int(t_ns), float(rate))
+
+
+@dataclass(frozen=True, slots=True)
+class OdometryTrack:
+    """All odometry samples: `t_ns` (N,) sorted, `yaw_rate` rad/s, `speed` m/s, `yaw` rad (NaN where unknown)."""
+
+    t_ns: Times
+    yaw_rate: Floats
+    speed: Floats
+    yaw: Floats
+
+    def samples(self) -> Iterator[OdometrySample]:
+        """One by one, for the filter."""
+        for t_ns, *values in zip(self.t_ns, self.yaw_rate, self.speed, self.yaw, strict=True):
+            rate, speed, yaw = map(float, values)
+            yield OdometrySample(int(t_ns), rate, speed, yaw if np.isfinite(yaw) else None)
+
+
+@dataclass(frozen=True, slots=True)
+class TruthTrack:
+    """The true yaw: `t_ns` (N,) sorted, `yaw` (N,) unwrapped, rad."""
+
+    t_ns: Times
+    yaw: Floats
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """A panorama: capture time, ns; pixels; their encoding ("" for grey and BGR)."""
+
+    t_ns: int
+    image: Image
+    encoding: str = ""
+
+
+class Recording(Protocol):
+    """What can be fused: read from a bag, or simulated."""
+
+    gyro: GyroTrack
+    odometry: OdometryTrack
+    truth: TruthTrack | None
+
+    @property
+    def frame_count(self) -> int:
+        """How many panoramas there are, for progress."""
+
+    def frames(self) -> Iterable[Frame]:
+        """The panoramas in the order of their stamps; every call starts anew."""
+
+
+@dataclass(slots=True)
+class BagRecording:
+    """A bag as a `Recording`.
+
+    Attributes
+    ----------
+    bag : Bag
+        Open while frames are read.
+    choice : TopicChoice
+        The topics it came from.
+    columns : int
+        Width the compass works at; frames are decoded no larger than it needs.
+    gyro, odometry, truth
+        As read; empty tracks where there is no topic.
+    vertical : str
+        Where the gyro's vertical came from at the end (see `ImuConfig.up`).
+    dropped : Counter of str
+        Messages that could not be used, by reason.
+    """
+
+    bag: Bag
+    choice: TopicChoice
+    columns: int
+    gyro: GyroTrack
+    odometry: OdometryTrack
+    truth: TruthTrack | None
+    vertical: str
+    dropped: Counter[str] = field(default_factory=Counter)
+
+    @property
+    def frame_count(self) -> int:
+        """Images in the bag, usable or not."""
+        return self.choice.image.count if self.choice.image else 0
+
+    def frames(self) -> Iterator[Frame]:
+        """Panoramas by stamp, decoded ahead in threads."""
+        topic = self.choice.image
+        if topic is None:
+            return
+        usable, unusable = 0, 0
+        for frame, fault in decode_ahead(self._stamped_images(topic), self._decode):
+            if frame is not None:
+                usable += 1
+                yield frame
+                continue
+            unusable += 1
+            self.dropped[f"image: {fault}"] += 1
+            if not usable and unusable == HOPELESS:
+                break
+        if unusable and not usable:
+            raise BagError(f"{self.bag.path}: {topic.name}: no usable image among the first {unusable}: {fault}")
+
+    def _stamped_images(self, topic: Topic) -> Iterator[tuple[int, Any]]:
+        """Stamps and messages, ordered by stamp within a bounded window."""
+        for message in in_order(self.bag.messages(topic.name), FRAMES_OUT_OF_ORDER):
+            yield message.stamp_ns, self.bag.deserialize(message)
+
+    def _decode(self, stamped: tuple[int, Any]) -> tuple[Frame | None, str]:
+        """The frame, or why there is none. Runs in a thread."""
+        t_ns, message = stamped
+        if t_ns <= 0:
+            return None, "header.stamp is zero"
+        try:
+            image, encoding = image_of(message, self.columns)
+        except ImageError as error:
+            return None, str(error)
+        return Frame(t_ns, image, encoding), ""
+
+
+def read_recording(
+    bag: Bag, choice: TopicChoice, imu: ImuConfig, columns: int, progress: Progress = lambda part: None
+) -> BagRecording:
+    """Read all small samples of a bag; the panoramas stay in it until `BagRecording.frames` streams them.
+
+    Raises
+    ------
+    BagError
+        The bag is damaged, or all stamps of a topic are zero.
+    """
+    dropped: Counter[str] = Counter()
+    small = [topic for topic in (choice.gyro, choice.odometry, choice.truth) if topic]
+    columns_of = {topic.name: _Columns(topic) for topic in small}
+    total = sum(topic.count for topic in small) or 1
+    for count, message in enumerate(bag.messages(*columns_of)):
+        columns_of[message.topic].add(bag, message, dropped)
+        if count % 1000 == 0:
+            progress(count / total)
+    progress(1.0)
+    level = ImuLevel(imu)
+    gyro = _gyro_track(_sorted(bag, columns_of, choice.gyro, 10), level)
+    tracks = _sorted(bag, columns_of, choice.odometry, 3)
+    truth = _sorted(bag, columns_of, choice.truth, 3)
+    return BagRecording(
+        bag,
+        choice,
+        columns,
+        gyro,
+        OdometryTrack(tracks[0], *tracks[1].T),
+        TruthTrack(truth[0], unwrap(truth[1][:, 2])) if choice.truth else None,
+        level.source,
+        dropped,
+    )
+
+
+def in_order(messages: Iterable[Message], window: int) -> Iterator[Message]:
+    """Messages by stamp, as far as a memory of `window` messages allows; equal stamps keep their order."""
+    heap: list[tuple[int, int, Message]] = []
+    for count, message in enumerate(messages):
+        heapq.heappush(heap, (message.stamp_ns, count, message))
+        if len(heap) > window:
+            yield heapq.heappop(heap)[2]
+    while heap:
+        yield heapq.heappop(heap)[2]
+
+
+def unwrap(yaw: Floats) -> Floats:
+    """Unwrapped yaw, rad; unknown (NaN) yaws stay so and do not spoil the others."""
+    unwrapped = yaw.copy()
+    known = np.isfinite(yaw)
+    unwrapped[known] = np.unwrap(yaw[known])
+    return unwrapped
+
+
+class _Columns:
+    """Samples of one topic while they are read, as plain numbers."""
+
+    def __init__(self, topic: Topic) -> None:
+        self._convert = _imu_row if topic.msgtype.endswith("Imu") else _odometry_row
+        self.t_ns = array("q")
+        self.values = array("d")
+        self.fault = ""
+
+    def add(self, bag: Bag, message: Message, dropped: Counter[str]) -> None:
+        try:
+            t_ns, row = self._convert(bag.deserialize(message))
+        except MessageError as error:
+            self.fault = str(error)
+            dropped[f"{message.topic}: {error}"] += 1
+            return
+        self.t_ns.append(t_ns)
+        self.values.extend(row)
+
+
+def _imu_row(message: Any) -> tuple[int, tuple[float, ...]]:
+    reading = imu_reading(message)
+    nothing = (np.nan,) * 4
+    force, turn = reading.linear_acceleration or nothing[:3], reading.orientation or nothing
+    return reading.t_ns, (*reading.angular_velocity, *force, *turn)
+
+
+def _odometry_row(message: Any) -> tuple[int, tuple[float, ...]]:
+    sample = odometry_sample(message)
+    return sample.t_ns, (sample.yaw_rate, sample.speed, np.nan if sample.yaw is None else sample.yaw)
+
+
+def _sorted(bag: Bag, columns: dict[str, _Columns], topic: Topic | None, width: int) -> tuple[Times, Floats]:
+    """Stamps and rows of a topic by stamp; `BagError` when none of its messages was usable."""
+    if topic is None:
+        return np.zeros(0, np.int64), np.zeros((0, width))
+    read = columns[topic.name]
+    if not read.t_ns:
+        raise BagError(f"{bag.path}: {topic.name}: none of its {topic.count} messages is usable: {read.fault}")
+    t_ns = np.frombuffer(read.t_ns, np.int64)
+    order = np.argsort(t_ns, kind="stable")
+    return t_ns[order], np.frombuffer(read.values, np.float64).reshape(-1, width)[order]
+
+
+def _gyro_track(columns: tuple[Times, Floats], level: ImuLevel) -> GyroTrack:
+    """Level every reading in the order of time, as the live node does."""
+    t_ns, rows = columns
+    rates = array("d")
+    for t, row in zip(t_ns.tolist(), rows, strict=True):
+        values = row.tolist()
+        reading = ImuReading(t, tuple(values[:3]), tuple(values[3:6]), tuple(values[6:]))
+        rates.append(
+            level.sample(t, reading.angular_velocity, reading.linear_acceleration, reading.orientation).yaw_rate
+        )
+    return GyroTrack(t_ns, np.frombuffer(rates, np.float64))

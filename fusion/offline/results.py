@@ -1,0 +1,142 @@
+"""A finished run written down: CSV, TUM, MCAP, JSON, YAML and the plot."""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+from fusion import YawEstimate
+from fusion.events import Sensor
+from fusion.offline.bag_writer import BagWriter
+from fusion.offline.recording import Floats, Times, TruthTrack
+from fusion.offline.run import FusedRun, Row
+from fusion.offline.scores import yaw_at
+from fusion.settings import Settings, dump_settings
+
+DIAGNOSTICS_EVERY_NS = 1_000_000_000
+
+
+def write_results(folder: Path, run: FusedRun, settings: Settings, summary: dict[str, Any]) -> None:
+    """Write all result files but the plot into `folder`."""
+    write_csv(folder / "yaw.csv", run)
+    write_tum(folder / "compass.tum", ((row.t_ns, row.compass.yaw) for row in run.rows if row.compass))
+    write_tum(folder / "fused.tum", ((row.t_ns, row.fused.yaw) for row in run.rows if row.fused))
+    write_mcap(folder / "result.mcap", run, settings)
+    (folder / "summary.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
+    (folder / "config.yaml").write_text(dump_settings(settings), encoding="utf-8")
+
+
+COLUMNS = (
+    *("t", "compass_yaw", "compass_sigma", "confidence"),
+    *("fused_yaw", "fused_sigma", "yaw_rate", "gyro_bias"),
+    *("yaw_rate_sigma", "gyro_bias_sigma", "track_scale", "track_scale_sigma", "standstill", "slip"),
+    *("compass_status", *(f"{sensor.value}_nis" for sensor in Sensor)),
+)
+
+
+def write_csv(path: Path, run: FusedRun) -> None:
+    """One line per row, `t` in s, angles in rad; the truth in a last column where it is known."""
+    truth = {} if run.truth is None else {"truth_yaw": _true_yaws(run.truth, run.t_ns)}
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, [*COLUMNS, *truth], restval="", lineterminator="\n")
+        writer.writeheader()
+        for index, row in enumerate(run.rows):
+            writer.writerow(row_cells(row) | {name: _cell(values[index]) for name, values in truth.items()})
+
+
+def row_cells(row: Row) -> dict[str, str]:
+    """A row as text, by column of yaw.csv; what is unknown is left out."""
+    values: dict[str, float] = {f"{sensor.value}_nis": report.nis for sensor, report in row.gates.items()}
+    if row.fused:
+        values |= _fused_values(row.fused)
+    cells = {name: _cell(value) for name, value in values.items()}
+    if row.compass:
+        confidence = row.compass.increment.confidence if row.compass.increment else math.nan
+        cells |= {"compass_yaw": _cell(row.compass.yaw), "compass_sigma": _cell(row.compass.sigma)}
+        cells |= {"confidence": _cell(confidence), "compass_status": row.compass.status.name}
+    return {"t": seconds(row.t_ns)} | {name: cell for name, cell in cells.items() if cell}
+
+
+def _fused_values(estimate: YawEstimate) -> dict[str, float]:
+    return {
+        "fused_yaw": estimate.yaw,
+        "fused_sigma": math.sqrt(estimate.yaw_variance),
+        "yaw_rate": estimate.yaw_rate,
+        "yaw_rate_sigma": math.sqrt(estimate.yaw_rate_variance),
+        "gyro_bias": estimate.gyro_bias,
+        "gyro_bias_sigma": math.sqrt(estimate.gyro_bias_variance),
+        "track_scale": estimate.track_scale,
+        "track_scale_sigma": math.sqrt(estimate.track_scale_variance),
+        "standstill": int(estimate.standstill),
+        "slip": int(estimate.slip),
+    }
+
+
+def _true_yaws(truth: TruthTrack, t_ns: Times) -> Floats:
+    """The truth at other times, NaN outside of it."""
+    yaw = yaw_at(truth, t_ns)
+    yaw[(t_ns < truth.t_ns[0]) | (t_ns > truth.t_ns[-1])] = math.nan
+    return yaw
+
+
+def _cell(value: float) -> str:
+    return f"{value:.9g}" if math.isfinite(value) else ""
+
+
+def seconds(t_ns: int) -> str:
+    """Nanoseconds as decimal seconds, exactly."""
+    return f"{t_ns // 1_000_000_000}.{t_ns % 1_000_000_000:09d}"
+
+
+def write_tum(path: Path, yaws: Iterable[tuple[int, float]]) -> None:
+    """Write ``t x y z qx qy qz qw`` per line, as evo reads it; position 0."""
+    with path.open("w", encoding="utf-8") as file:
+        for t_ns, yaw in yaws:
+            if math.isfinite(yaw):
+                file.write(f"{seconds(t_ns)} 0 0 0 0 0 {math.sin(0.5 * yaw):.12g} {math.cos(0.5 * yaw):.12g}\n")
+
+
+def write_mcap(path: Path, run: FusedRun, settings: Settings) -> None:
+    """Both yaws as Odometry, as the live node publishes them, and diagnostics once a second."""
+    topics = settings.topics
+    frames = (topics.odom_frame, topics.base_frame)
+    told_ns = 0
+    with BagWriter(path) as bag:
+        for row in run.rows:
+            compass, fused = row.compass, row.fused
+            if compass and compass.increment:
+                bag.write_odometry(
+                    topics.compass_output_topic,
+                    row.t_ns,
+                    compass.yaw,
+                    compass.rate,
+                    yaw_variance=compass.sigma**2,
+                    rate_variance=compass.rate_variance,
+                    frames=frames,
+                )
+            if fused:
+                bag.write_odometry(
+                    topics.fused_output_topic,
+                    row.t_ns,
+                    fused.yaw,
+                    fused.yaw_rate,
+                    yaw_variance=fused.yaw_variance,
+                    rate_variance=fused.yaw_rate_variance,
+                    frames=frames,
+                )
+            if row.t_ns - told_ns >= DIAGNOSTICS_EVERY_NS:
+                told_ns = row.t_ns
+                bag.write_diagnostics("/diagnostics", row.t_ns, "visual_compass", *_health(row))
+
+
+def _health(row: Row) -> tuple[str, dict[str, str]]:
+    """Fault, if any, and facts of a row."""
+    rejected = [sensor.value for sensor, report in row.gates.items() if report.verdict.name == "REJECTED"]
+    fault = f"rejected at the gate: {', '.join(rejected)}" if rejected else ""
+    if row.compass and row.compass.increment is None:
+        fault = fault or f"compass: {row.compass.status.value}"
+    return fault, row_cells(row)

@@ -1,0 +1,161 @@
+"""A recording through the one pipeline, and what came of it, time by time."""
+
+from __future__ import annotations
+
+import heapq
+import math
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from operator import attrgetter
+
+import numpy as np
+import numpy.typing as npt
+
+from compass import CompassStatus, YawIncrement
+from fusion import GyroSample, OdometrySample, YawEstimate, YawPipeline
+from fusion.compass_rate import CompassRate
+from fusion.events import Sensor
+from fusion.gating import SensorReport
+from fusion.offline.recording import Frame, GyroTrack, OdometryTrack, Progress, Recording, TruthTrack
+from fusion.settings import Settings
+
+LONGEST_SILENCE_NS = 100_000_000  # without images there is a row at least this often
+
+
+@dataclass(frozen=True, slots=True)
+class CompassReading:
+    """The raw compass at one image.
+
+    Attributes
+    ----------
+    status : CompassStatus
+        Outcome of the update.
+    increment : YawIncrement or None
+        What it gave.
+    yaw, sigma : float
+        Accumulated yaw and its standard deviation, rad; NaN where no increment was given.
+    rate, rate_variance : float
+        Mean turn rate since the image before, rad/s, and its variance; NaN where no increment was given.
+    """
+
+    status: CompassStatus
+    increment: YawIncrement | None = None
+    yaw: float = math.nan
+    sigma: float = math.nan
+    rate: float = math.nan
+    rate_variance: float = math.nan
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """Everything known at one time.
+
+    Attributes
+    ----------
+    t_ns : int
+        Its time.
+    compass : CompassReading or None
+        None between images.
+    fused : YawEstimate or None
+        None before the first sample of the filter.
+    gates : dict of Sensor to SensorReport
+        How samples fared that came since the row before.
+    """
+
+    t_ns: int
+    compass: CompassReading | None
+    fused: YawEstimate | None
+    gates: dict[Sensor, SensorReport]
+
+
+@dataclass(slots=True)
+class FusedRun:
+    """A run, complete.
+
+    Attributes
+    ----------
+    rows : list of Row
+        One per image; without images one at least every 0.1 s.
+    gyro, odometry, truth
+        The tracks that went in.
+    compass_counts : Counter of CompassStatus
+        Outcomes of all images.
+    fusion_counts : Counter of str
+        What became of the samples.
+    """
+
+    rows: list[Row]
+    gyro: GyroTrack
+    odometry: OdometryTrack
+    truth: TruthTrack | None
+    compass_counts: Counter[CompassStatus] = field(default_factory=Counter)
+    fusion_counts: Counter[str] = field(default_factory=Counter)
+
+    @property
+    def t_ns(self) -> npt.NDArray[np.int64]:
+        """Times of the rows, ns."""
+        return np.array([row.t_ns for row in self.rows], np.int64)
+
+
+def fuse_recording(recording: Recording, settings: Settings, progress: Progress = lambda part: None) -> FusedRun:
+    """Run a recording through compass and filter, every sample at its stamp."""
+    run = _Run(settings)
+    total = recording.gyro.t_ns.size + recording.odometry.t_ns.size + recording.frame_count
+    for count, event in enumerate(_events(recording)):
+        run.take(event)
+        progress(count / total)
+    run.close()
+    progress(1.0)
+    counts = run.pipeline.compass.counts, run.pipeline.fusion.counts
+    return FusedRun(run.rows, recording.gyro, recording.odometry, recording.truth, *counts)
+
+
+Event = GyroSample | OdometrySample | Frame
+
+
+def _events(recording: Recording) -> Iterator[Event]:
+    """All samples by stamp; at equal stamps the image comes last and so sees all that is known of its time."""
+    streams = (recording.gyro.samples(), recording.odometry.samples(), recording.frames())
+    return heapq.merge(*streams, key=attrgetter("t_ns"))
+
+
+class _Run:
+    """The pipeline with a notebook."""
+
+    def __init__(self, settings: Settings) -> None:
+        self.pipeline = YawPipeline(settings.compass, settings.fusion)
+        self.rows: list[Row] = []
+        self._rate = CompassRate()
+        self._reported: dict[Sensor, int] = {}
+        self._last_ns: int | None = None
+
+    def take(self, event: Event) -> None:
+        """Feed one event and note a row where one is due."""
+        if isinstance(event, Frame):
+            reading = self._look(event)
+            self._note(event.t_ns, reading)
+            return
+        self.pipeline.add(event)
+        self._last_ns = event.t_ns
+        if not self.rows or event.t_ns - self.rows[-1].t_ns >= LONGEST_SILENCE_NS:
+            self._note(event.t_ns, None)
+
+    def close(self) -> None:
+        """Note the last samples."""
+        if self._last_ns is not None and self.rows and self._last_ns > self.rows[-1].t_ns:
+            self._note(self._last_ns, None)
+
+    def _look(self, frame: Frame) -> CompassReading:
+        increment = self.pipeline.add_image(frame.t_ns, frame.image, frame.encoding)
+        compass = self.pipeline.compass
+        if increment is None:
+            return CompassReading(compass.status)
+        rate, variance = self._rate.update(increment)
+        return CompassReading(compass.status, increment, compass.yaw, math.sqrt(compass.yaw_variance), rate, variance)
+
+    def _note(self, t_ns: int, reading: CompassReading | None) -> None:
+        reports = {sensor: report for sensor, report in self.pipeline.fusion.reports().items() if report}
+        news = {sensor: report for sensor, report in reports.items() if self._reported.get(sensor) != report.t_ns}
+        self._reported.update({sensor: report.t_ns for sensor, report in news.items()})
+        self.rows.append(Row(t_ns, reading, self.pipeline.estimate(), news))

@@ -1,0 +1,65 @@
+"""A run in a few numbers: for summary.json and for the table on the screen."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from fusion.offline.console import table
+from fusion.offline.recording import BagRecording
+from fusion.offline.run import FusedRun
+from fusion.offline.scores import scores, yaw_tracks
+
+
+def summarise(run: FusedRun, recording: BagRecording) -> dict[str, Any]:
+    """The facts of a run, ready for JSON: angles in deg where the key says so, else rad."""
+    tracks, scored = yaw_tracks(run), scores(run)
+    t_ns = run.t_ns
+    yaws: dict[str, dict[str, float | None]] = {}
+    for name, track in tracks.items():
+        one: dict[str, float | None] = {"turned_deg": _deg(track.yaw[-1] - track.yaw[0])}
+        if track.sigma is not None:
+            one["sigma_deg"] = _deg(track.sigma[-1])
+        if name in scored:
+            score = scored[name]
+            one |= {
+                "final_error_deg": _deg(score.final),
+                "rms_error_deg": _deg(score.rms),
+                "worst_error_deg": _deg(score.worst),
+            }
+        yaws[name] = one
+    last = next((row.fused for row in reversed(run.rows) if row.fused), None)
+    return {
+        "bag": str(recording.bag.path),
+        "topics": {
+            role: topic.name if (topic := getattr(recording.choice, role)) else None
+            for role in ("image", "gyro", "odometry", "truth")
+        },
+        "start_ns": int(t_ns[0]) if t_ns.size else None,
+        "duration_s": float((t_ns[-1] - t_ns[0]) * 1e-9) if t_ns.size else 0.0,
+        "gyro_vertical": recording.vertical,
+        "truth_turned_deg": None if run.truth is None else _deg(run.truth.yaw[-1] - run.truth.yaw[0]),
+        "yaw": yaws,
+        "gyro_bias_rad_s": last and last.gyro_bias,
+        "gyro_bias_sigma_rad_s": last and math.sqrt(last.gyro_bias_variance),
+        "track_scale": last and last.track_scale,
+        "track_scale_sigma": last and math.sqrt(last.track_scale_variance),
+        "images": {status.name: count for status, count in sorted(run.compass_counts.items(), key=lambda i: i[0].name)},
+        "samples": dict(sorted(run.fusion_counts.items())),
+        "unusable_messages": dict(sorted(recording.dropped.items())),
+    }
+
+
+def yaw_table(summary: dict[str, Any]) -> str:
+    """The yaws of a summary, one source per line, deg."""
+    has_truth = summary["truth_turned_deg"] is not None
+    header = ["deg", "turned"] + (["final error", "RMS", "worst"] if has_truth else ["sigma"])
+    keys = ["turned_deg"] + (["final_error_deg", "rms_error_deg", "worst_error_deg"] if has_truth else ["sigma_deg"])
+    rows = [["truth", f"{summary['truth_turned_deg']:.2f}", "", "", ""]] if has_truth else []
+    for name, values in summary["yaw"].items():
+        rows.append([name, *("" if values.get(key) is None else f"{values[key]:.2f}" for key in keys)])
+    return table(header, rows)
+
+
+def _deg(angle: float) -> float | None:
+    return math.degrees(angle) if math.isfinite(angle) else None

@@ -1,0 +1,115 @@
+"""Which topics of a bag are the panoramas, the gyro, the tracks and the truth."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from fusion.offline.bag import COMPRESSED_IMAGE, IMAGE, IMU, ODOMETRY, Bag, BagError, Topic
+from fusion.settings import TopicSettings
+
+NONE = "none"
+TRUTH_TOPIC = "/ground_truth/odom"  # where simulated bags keep it
+
+
+@dataclass(frozen=True, slots=True)
+class TopicRequest:
+    """Topics asked for by name; None finds one, ``"none"`` leaves the sensor out."""
+
+    image: str | None = None
+    gyro: str | None = None
+    odometry: str | None = None
+    truth: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class TopicChoice:
+    """The topics to read; None where there is none."""
+
+    image: Topic | None
+    gyro: Topic | None
+    odometry: Topic | None
+    truth: Topic | None
+
+    def __iter__(self) -> Iterator[Topic]:
+        return (topic for topic in (self.image, self.gyro, self.odometry, self.truth) if topic)
+
+
+def choose_topics(bag: Bag, settings: TopicSettings, request: TopicRequest | None = None) -> TopicChoice:
+    """Pick each topic: the one asked for, else the one the settings name, else the only one of its type.
+
+    Raises
+    ------
+    BagError
+        A requested topic is absent or of another type, several come into question, or no sensor is there at all.
+    """
+    request = request or TopicRequest()
+    ours = (settings.compass_output_topic, settings.fused_output_topic)
+    truth = _choose(bag, [ODOMETRY], request.truth, TRUTH_TOPIC, "--truth-topic", by_type=False)
+    taken = (*ours, truth.name) if truth else ours
+    odometry = _choose(bag, [ODOMETRY], request.odometry, settings.odometry_topic, "--odometry-topic", taken=taken)
+    gyro = _choose(bag, [IMU], request.gyro, settings.gyro_topic, "--gyro-topic")
+    kinds = [IMAGE, COMPRESSED_IMAGE] if settings.image_transport == "raw" else [COMPRESSED_IMAGE, IMAGE]
+    image = _choose(bag, kinds, request.image, settings.compass_image, "--image-topic")
+    if not (image or gyro or odometry):
+        wanted = ", ".join(kind.replace("/msg/", "/") for kind in (IMAGE, COMPRESSED_IMAGE, IMU, ODOMETRY))
+        found = ", ".join(f"{topic.name} ({topic.short_type})" for topic in bag.topics) or "nothing"
+        raise BagError(f"{bag.path}: no usable topic; wanted {wanted}; found {found}")
+    return TopicChoice(image, gyro, odometry, truth)
+
+
+def _choose(
+    bag: Bag,
+    kinds: Sequence[str],
+    requested: str | None,
+    preferred: str,
+    option: str,
+    *,
+    taken: Sequence[str] = (),
+    by_type: bool = True,
+) -> Topic | None:
+    """One topic of one of `kinds`; earlier kinds win where the same camera is there twice."""
+    if requested == NONE:
+        return None
+    candidates = [topic for kind in kinds for topic in bag.topics if topic.msgtype == kind and topic.count > 0]
+    if requested is not None:
+        return _requested(bag, candidates, requested, kinds, option)
+    candidates = [topic for topic in candidates if topic.name not in taken]
+    named = [topic for topic in candidates if _base(topic) == _strip_transport(preferred)]
+    if named:
+        return named[0]
+    if not by_type:
+        return None
+    if len({_base(topic) for topic in candidates}) > 1:
+        names = ", ".join(topic.name for topic in candidates)
+        raise BagError(
+            f"{bag.path}: several topics of type {_types(kinds)}: {names}; choose one with {option} (or '{NONE}')"
+        )
+    return candidates[0] if candidates else None
+
+
+def _requested(bag: Bag, candidates: Sequence[Topic], name: str, kinds: Sequence[str], option: str) -> Topic:
+    """The topic of that name, transport suffix optional."""
+    exact = [topic for topic in candidates if topic.name == name]
+    alike = [topic for topic in candidates if _base(topic) == name]
+    if exact or alike:
+        return (exact or alike)[0]
+    names = ", ".join(topic.name for topic in candidates) or NONE
+    other = next((topic for topic in bag.topics if topic.name == name), None)
+    fault = "not in the bag"
+    if other:
+        fault = f"is of type {other.short_type}" if other.count else "has no messages"
+    raise BagError(f"{bag.path}: {option} {name} {fault}; topics of type {_types(kinds)}: {names}")
+
+
+def _base(topic: Topic) -> str:
+    """The name without the suffix that image_transport adds."""
+    return _strip_transport(topic.name) if topic.msgtype == COMPRESSED_IMAGE else topic.name
+
+
+def _strip_transport(name: str) -> str:
+    return name.removesuffix("/compressed")
+
+
+def _types(kinds: Sequence[str]) -> str:
+    return " or ".join(kind.replace("/msg/", "/") for kind in sorted(kinds))
