@@ -1,10 +1,15 @@
 """Visual compass: yaw increments with a confidence from 360-degree panoramas."""
 
-from compass.angles import wrap_angle
-from compass.config import CompassConfig
-from compass.errors import ConfigError, ImageError, VisualCompassError
-from compass.increment import CompassStatus, YawIncrement
-from compass.visual_compass import VisualCompass
+from typing import TYPE_CHECKING
+
+from compass.lazy import lazy_names
+
+if TYPE_CHECKING:
+    from compass.angles import wrap_angle
+    from compass.config import CompassConfig
+    from compass.errors import ConfigError, ImageError, VisualCompassError
+    from compass.increment import CompassStatus, YawIncrement
+    from compass.visual_compass import VisualCompass
 
 __all__ = [
     "CompassConfig",
@@ -16,3 +21,17 @@ __all__ = [
     "YawIncrement",
     "wrap_angle",
 ]
+
+__getattr__, __dir__ = lazy_names(
+    __name__,
+    {
+        "wrap_angle": "angles",
+        "CompassConfig": "config",
+        "ConfigError": "errors",
+        "ImageError": "errors",
+        "VisualCompassError": "errors",
+        "CompassStatus": "increment",
+        "YawIncrement": "increment",
+        "VisualCompass": "visual_compass",
+    },
+)

@@ -1,10 +1,15 @@
 """Fusion of compass, gyro and track odometry into one yaw."""
 
-from fusion.config import FusionConfig
-from fusion.events import Sensor
-from fusion.gating import SensorReport, Verdict
-from fusion.pipeline import YawFusion, YawPipeline
-from fusion.samples import GyroSample, OdometrySample, YawEstimate
+from typing import TYPE_CHECKING
+
+from compass.lazy import lazy_names
+
+if TYPE_CHECKING:
+    from fusion.config import FusionConfig
+    from fusion.events import Sensor
+    from fusion.gating import SensorReport, Verdict
+    from fusion.pipeline import YawFusion, YawPipeline
+    from fusion.samples import GyroSample, OdometrySample, YawEstimate
 
 __all__ = [
     "FusionConfig",
@@ -17,3 +22,18 @@ __all__ = [
     "YawFusion",
     "YawPipeline",
 ]
+
+__getattr__, __dir__ = lazy_names(
+    __name__,
+    {
+        "FusionConfig": "config",
+        "Sensor": "events",
+        "SensorReport": "gating",
+        "Verdict": "gating",
+        "YawFusion": "pipeline",
+        "YawPipeline": "pipeline",
+        "GyroSample": "samples",
+        "OdometrySample": "samples",
+        "YawEstimate": "samples",
+    },
+)
