@@ -1,0 +1,198 @@
+"""One simulated drive: what the sensors give, and the truth."""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from fusion.simulation.cache import Frame, Frames, Progress, cached_frames
+from fusion.simulation.camera import PanoramaCamera
+from fusion.simulation.effects import FrameEffects, encode_jpeg
+from fusion.simulation.experiments import Experiment, find_experiment
+from fusion.simulation.imu import ImuReading, read_imu
+from fusion.simulation.rendering import Renderer, camera_poses
+from fusion.simulation.robot import OdometryReading, read_tracks
+
+Floats = npt.NDArray[np.float64]
+
+START_NS = 1_366_934_400_000_000_000  # stamp of the start of every drive
+ODOMETRY_DELAY_NS = 3_000_000  # the sensors' clocks tick between each other
+CAMERA_DELAY = 0.0173  # s
+WORLDS = 3  # of each experiment
+SEEDS_PER_WORLD = 7
+TRUTH_HZ = 200.0
+CAMERA = PanoramaCamera()
+
+
+@dataclass(frozen=True, slots=True)
+class Truth:
+    """The robot's true motion in the frame of its starting pose (REP-105 ``odom``); arrays of one shape.
+
+    Attributes
+    ----------
+    t_ns : ndarray of int64
+        Stamps, ns, increasing.
+    x, y : ndarray
+        m.
+    yaw : ndarray
+        Unwrapped, rad, 0 at the start.
+    yaw_rate : ndarray
+        rad/s.
+    speed : ndarray
+        Along +x, m/s.
+    roll, pitch : ndarray
+        rad.
+    """
+
+    t_ns: npt.NDArray[np.int64]
+    x: Floats
+    y: Floats
+    yaw: Floats
+    yaw_rate: Floats
+    speed: Floats
+    roll: Floats
+    pitch: Floats
+
+    def yaw_at(self, t_ns: npt.ArrayLike) -> Floats:
+        """Yaw at any stamps, rad, unwrapped; exact at those of `t_ns`, within 2e-5 rad between them."""
+        return np.asarray(np.interp(np.asarray(t_ns, np.int64) - START_NS, self.t_ns - START_NS, self.yaw), np.float64)
+
+
+@dataclass(eq=False)
+class Drive:
+    """What the sensors gave on one drive, and the truth. Frames are rendered when they are first asked for.
+
+    Attributes
+    ----------
+    imu : sequence of ImuReading
+        100 Hz.
+    odometry : sequence of OdometryReading
+        40 Hz.
+    truth : Truth
+        At 200 Hz and at every frame.
+    frame_truth : Truth
+        At the frames alone.
+    """
+
+    imu: Sequence[ImuReading]
+    odometry: Sequence[OdometryReading]
+    truth: Truth
+    frame_truth: Truth
+    _effects: FrameEffects
+    _jpeg_quality: int
+    _load: Callable[[Progress | None], Frames]
+    _clean: Frames | None = None
+
+    @property
+    def frame_t_ns(self) -> npt.NDArray[np.int64]:
+        """Stamps of the frames, ns."""
+        return self.frame_truth.t_ns
+
+    def __len__(self) -> int:
+        """Number of frames."""
+        return int(self.frame_t_ns.size)
+
+    def prepare(self, progress: Progress | None = None) -> Frames:
+        """Render the clean frames (no body, noise or change of exposure), or find them in the cache.
+
+        Parameters
+        ----------
+        progress : callable or None
+            Called with (frames done, count) while rendering; not at all when they are in the cache.
+        """
+        if self._clean is None:
+            self._clean = self._load(progress)
+        return self._clean
+
+    def frame(self, index: int) -> Frame:
+        """Frame number `index` as the camera gives it, uint8 (height, width)."""
+        return self._effects.apply(index, self.prepare()[index])
+
+    def frames(self) -> Iterator[tuple[int, Frame]]:
+        """Stamp, ns, and image, uint8 (height, width), of each frame."""
+        for index, stamp in enumerate(self.frame_t_ns.tolist()):
+            yield stamp, self.frame(index)
+
+    def jpeg_frames(self) -> Iterator[tuple[int, bytes]]:
+        """Stamp, ns, and JPEG file of each frame."""
+        for stamp, image in self.frames():
+            yield stamp, encode_jpeg(image, self._jpeg_quality)
+
+
+def simulate(
+    name: str, seed: int = 0, *, cache: Path | None = None, workers: int = 2, camera: PanoramaCamera = CAMERA
+) -> Drive:
+    """Drive one of the `EXPERIMENTS`.
+
+    Parameters
+    ----------
+    name : str
+        Which.
+    seed : int
+        Chooses the sensors' errors, the ground's grip, the exposure, and, every `SEEDS_PER_WORLD`, another world.
+        Same name and seed, same bytes.
+    cache : Path or None
+        Directory for rendered frames; None: see `cache_directory`.
+    workers : int
+        Threads that render.
+    camera : PanoramaCamera
+        Size of the panorama.
+
+    Raises
+    ------
+    SimulationError
+        There is no experiment of that name.
+    """
+    experiment = find_experiment(name)
+    times = frame_times(experiment)
+    motion = experiment.trajectory.at(times)
+    streams = [np.random.default_rng([seed, zlib.crc32(name.encode()), stream]) for stream in range(3)]
+    effects = FrameEffects(experiment.effects, times, motion.yaw_rate, int(streams[2].integers(2**31)))
+    variant = seed // SEEDS_PER_WORLD % WORLDS
+    renderer = Renderer(camera, camera_poses(motion, experiment.mount), times.tolist(), experiment.rolled)
+
+    def load(progress: Progress | None) -> Frames:
+        def start() -> Callable[[int], Frame]:
+            return renderer.start(lambda: experiment.world(variant))
+
+        return cached_frames(f"{name}-{variant}", renderer.key(), times.size, start, cache, workers, progress)
+
+    fine = np.union1d(np.arange(0.0, experiment.trajectory.duration, 1.0 / TRUTH_HZ), times)
+    return Drive(
+        read_imu(experiment.trajectory, experiment.imu, streams[0], START_NS),
+        read_tracks(experiment.trajectory, experiment.surface, streams[1], START_NS + ODOMETRY_DELAY_NS),
+        true_motion(experiment, fine),
+        true_motion(experiment, times),
+        effects,
+        experiment.effects.jpeg_quality,
+        load,
+    )
+
+
+def frame_times(experiment: Experiment) -> Floats:
+    """When frames are taken, s since the start: at the camera's rate with a jitter of 1 ms, as with a busy bus."""
+    count = int((experiment.trajectory.duration - CAMERA_DELAY) * experiment.frame_hz)
+    jitter = np.random.default_rng(zlib.crc32(experiment.name.encode())).normal(0.0, 1e-3, count)
+    seconds = CAMERA_DELAY + np.arange(count) / experiment.frame_hz + np.clip(jitter, -4e-3, 4e-3)
+    return np.round(seconds, 9)
+
+
+def true_motion(experiment: Experiment, t: Floats) -> Truth:
+    """The truth at times `t`, s since the start."""
+    motion, (x0, y0, heading) = experiment.trajectory.at(t), experiment.trajectory.start
+    dx, dy = motion.x - x0, motion.y - y0
+    return Truth(
+        t_ns=START_NS + np.round(t * 1e9).astype(np.int64),
+        x=dx * np.cos(heading) + dy * np.sin(heading),
+        y=dy * np.cos(heading) - dx * np.sin(heading),
+        yaw=motion.yaw - heading,
+        yaw_rate=motion.yaw_rate,
+        speed=motion.speed,
+        roll=motion.roll,
+        pitch=motion.pitch,
+    )

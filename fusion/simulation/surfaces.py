@@ -1,0 +1,178 @@
+"""Textures that can be looked up at any size without aliasing: pyramids, blended between their levels.
+
+A sub-pixel measurement on a simulated frame means something only if the frame is band limited. So every texture is kept
+at halved and halved again resolutions (Williams 1983, doi:10.1145/964967.801126), and what a camera pixel gets is
+interpolated in the two levels next to its footprint on the surface.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from fusion.simulation.materials import Image
+
+Array = npt.NDArray[np.float32]
+Levels = npt.NDArray[np.float64]
+
+_PAD = 3  # texels of border around each level, for the interpolation
+_KERNEL = np.array([1.0, 3.0, 3.0, 1.0], np.float32) / 8.0
+
+
+def halve(image: Image, wrap_rows: bool) -> Image:
+    """Half the size, low-passed; columns go round, rows do if `wrap_rows`."""
+    padded = cv2.copyMakeBorder(image, 0, 0, 2, 2, cv2.BORDER_WRAP)
+    padded = cv2.copyMakeBorder(padded, 2, 2, 0, 0, cv2.BORDER_WRAP if wrap_rows else cv2.BORDER_REPLICATE)
+    smooth = cv2.sepFilter2D(padded, -1, _KERNEL, _KERNEL, anchor=(1, 1))
+    return np.ascontiguousarray(smooth[2:-2:2, 2:-2:2])
+
+
+def pyramid(image: Image, wrap_rows: bool) -> list[Image]:
+    """`image`, its size rounded so that it can be halved evenly, and its halves down to a few texels."""
+    halvings = int(np.clip(np.log2(min(image.shape) / 3.0), 0, 7))
+    block = 2**halvings
+    rows, columns = (max(1, round(n / block)) * block for n in image.shape)
+    levels = [cv2.resize(image, (columns, rows), interpolation=cv2.INTER_LINEAR).astype(np.float32)]
+    for _ in range(halvings):
+        levels.append(halve(levels[-1], wrap_rows))
+    return levels
+
+
+class Skin:
+    """Texture of an upright surface, wrapped round it; `u` runs to the right seen from outside, `v` down.
+
+    Parameters
+    ----------
+    image : ndarray, shape (rows, columns), float32
+        Grey 0..255.
+    width, height : float
+        What it covers, m. Beyond `width` it repeats.
+    """
+
+    def __init__(self, image: Image, width: float, height: float) -> None:
+        levels = pyramid(image, wrap_rows=False)
+        rows, columns = levels[0].shape
+        self.width, self.height = width, height
+        self.per_metre_u, self.per_metre_v = columns / width, rows / height
+        self.top_level = len(levels) - 1
+        # All levels side by side in one image, so that one call serves pixels of different levels; transposed,
+        # because the camera works column by column and memory likes to be walked along.
+        heights = np.array([level.shape[0] for level in levels])
+        self._first = (np.cumsum(heights + 2 * _PAD) - heights - _PAD).astype(np.float32)
+        self._last = self._first + heights.astype(np.float32) - 1.0
+        self._atlas = np.zeros((columns + 2 * _PAD, int(np.sum(heights + 2 * _PAD))), np.float32)
+        for level, first in zip(levels, self._first, strict=True):
+            padded = cv2.copyMakeBorder(level.T, 0, 0, _PAD, _PAD, cv2.BORDER_REPLICATE)
+            padded = cv2.copyMakeBorder(padded, _PAD, _PAD, 0, 0, cv2.BORDER_WRAP)
+            start = int(first) - _PAD
+            self._atlas[: padded.shape[0], start : start + padded.shape[1]] = padded
+
+    def level(self, footprint_u: Levels, footprint_v: Levels) -> Levels:
+        """The level whose texel is as large as a pixel's footprint, given in m."""
+        texels = np.maximum(footprint_u * self.per_metre_u, footprint_v * self.per_metre_v)
+        return np.asarray(np.clip(np.log2(np.maximum(texels, 1.0)), 0.0, self.top_level), np.float64)
+
+    def sample(self, u: Levels, v: Levels, slope: Levels, tangent: Array, level: Levels) -> Array:
+        """Grey of a block of pixels, shape (columns, rows).
+
+        Parameters
+        ----------
+        u, v, slope, level : ndarray, shape (columns,)
+            Position along the surface, m; depth below its top at elevation 0, m, and its change with the tangent of
+            the elevation; level of the pyramid.
+        tangent : ndarray, shape (rows,)
+            Tangent of each row's elevation.
+        """
+        low = level.astype(np.intp)
+        mix = (level - low).astype(np.float32)[:, None]
+        grey = self._fetch(u, v, slope, tangent, low)
+        finer = self._fetch(u, v, slope, tangent, np.minimum(low + 1, self.top_level))
+        finer -= grey
+        finer *= mix
+        grey += finer
+        return grey
+
+    def _fetch(self, u: Levels, v: Levels, slope: Levels, tangent: Array, level: npt.NDArray[np.intp]) -> Array:
+        """Bilinear look-up in one level per column."""
+        scale = 0.5**level
+        across = (u % self.width) * self.per_metre_u * scale + (_PAD - 0.5)
+        down = scale * self.per_metre_v
+        y = np.repeat(across.astype(np.float32)[:, None], tangent.size, axis=1)
+        x = (slope * down).astype(np.float32)[:, None] * tangent
+        x += (v * down + self._first[level] - 0.5).astype(np.float32)[:, None]
+        np.maximum(x, self._first[level][:, None] - 1.0, out=x)
+        np.minimum(x, self._last[level][:, None] + 1.0, out=x)
+        return np.asarray(cv2.remap(self._atlas, x, y, cv2.INTER_LINEAR), np.float32)
+
+
+class Ground:
+    """Texture of a level surface, repeating every `size` m in x and y.
+
+    Parameters
+    ----------
+    image : ndarray, shape (n, n), float32
+        Grey 0..255; its first column lies at x = 0, its first row at y = 0, the origin in a corner.
+    size : float
+        Side of the square it covers, m.
+    """
+
+    def __init__(self, image: Image, size: float) -> None:
+        self._levels = pyramid(image, wrap_rows=True)
+        self.per_metre = self._levels[0].shape[0] / size
+        self.size = size
+        self.top_level = len(self._levels) - 1
+
+    def level(self, footprint: Levels) -> Levels:
+        """The level whose texel is as large as a pixel's footprint, given in m."""
+        texels = footprint * self.per_metre
+        return np.asarray(np.clip(np.log2(np.maximum(texels, 1.0)), 0.0, self.top_level), np.float64)
+
+    def sample(self, x: Array, y: Array, level: Levels) -> Array:
+        """Grey at points (`x`, `y`) m, both of shape (columns, rows), with one level per row."""
+        low = level.astype(np.intp)
+        grey = np.empty_like(x)
+        for value in np.unique(low):
+            rows = np.flatnonzero(low == value)
+            part = slice(rows[0], rows[-1] + 1)  # distance grows with the row, so a level's rows are neighbours
+            mix = (level[part] - value).astype(np.float32)
+            coarse = self._fetch(x[:, part], y[:, part], value)
+            finer = self._fetch(x[:, part], y[:, part], min(value + 1, self.top_level))
+            grey[:, part] = coarse + mix * (finer - coarse)
+        return grey
+
+    def _fetch(self, x: Array, y: Array, level: int) -> Array:
+        scale = np.float32(self.per_metre * 0.5**level)
+        return np.asarray(
+            cv2.remap(
+                self._levels[level], x * scale - 0.5, y * scale - 0.5, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP
+            ),
+            np.float32,
+        )
+
+
+class Sky:
+    """What is too far away to move with the robot: a panorama over all azimuths, from the zenith to below the horizon.
+
+    Parameters
+    ----------
+    image : ndarray, shape (rows, columns), float32
+        Columns go round counter-clockwise from azimuth 0, rows go down from elevation 90 deg to `lowest`.
+    lowest : float
+        Elevation of the lower edge, rad.
+    """
+
+    def __init__(self, image: Image, lowest: float) -> None:
+        self._image = np.ascontiguousarray(cv2.copyMakeBorder(image.T, _PAD, _PAD, 0, 0, cv2.BORDER_WRAP))
+        self._columns = image.shape[1]
+        self._per_rad = image.shape[0] / (np.pi / 2.0 - lowest)
+
+    def sample(self, azimuth: npt.NDArray[np.floating[Any]], elevation: Levels) -> Array:
+        """Grey of a block, shape (azimuths, elevations); angles in rad."""
+        turns = (azimuth / (2.0 * np.pi)) % 1.0
+        y = np.repeat((turns * self._columns + _PAD - 0.5).astype(np.float32)[:, None], elevation.size, axis=1)
+        row = ((np.pi / 2.0 - elevation) * self._per_rad - 0.5).astype(np.float32)
+        x = np.repeat(row[None, :], azimuth.size, axis=0)
+        return np.asarray(cv2.remap(self._image, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), np.float32)

@@ -1,0 +1,180 @@
+"""A world of upright solids on level ground: what there is, and where a ray meets it.
+
+Every solid is a prism with vertical sides, so a panorama's column meets its side at one distance and the rows follow
+from the tangent of the elevation. That is what makes rendering fast.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+from fusion.simulation.surfaces import Ground, Skin, Sky
+
+Floats = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Hits:
+    """Where rays meet the side of a solid; one entry per ray.
+
+    Attributes
+    ----------
+    near, far : ndarray
+        Horizontal distance at which the ray enters and leaves, m.
+    u : ndarray
+        Position along the solid's side, m.
+    facing : ndarray
+        Cosine of the angle between the ray and the side's normal, seen from above.
+    """
+
+    near: Floats
+    far: Floats
+    u: Floats
+    facing: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class Solid:
+    """An upright box along the axes, or an upright cylinder inscribed in it; of no thickness it is a plate.
+
+    Attributes
+    ----------
+    low, high : tuple of float
+        Corners (x, y, z), m.
+    skin : Skin
+        The sides, counter-clockwise from corner (low x, low y).
+    cap : Ground or None
+        Top and bottom.
+    round : bool
+        A cylinder, its radius half the x extent.
+    hull : bool
+        Part of the outermost wall, behind which there is nothing.
+    """
+
+    low: tuple[float, float, float]
+    high: tuple[float, float, float]
+    skin: Skin
+    cap: Ground | None = None
+    round: bool = False
+    hull: bool = False
+
+    def span(self, x: float, y: float) -> tuple[float, float]:
+        """Azimuths between which it is seen from (x, y), rad, the smaller first, not wrapped."""
+        middle_x, middle_y = (self.low[0] + self.high[0]) / 2.0, (self.low[1] + self.high[1]) / 2.0
+        centre = np.arctan2(middle_y - y, middle_x - x)
+        if self.round:
+            radius = (self.high[0] - self.low[0]) / 2.0
+            half = np.arcsin(min(1.0, radius / np.hypot(middle_x - x, middle_y - y)))
+            return float(centre - half), float(centre + half)
+        corners_x = np.array([self.low[0], self.high[0], self.low[0], self.high[0]]) - x
+        corners_y = np.array([self.low[1], self.low[1], self.high[1], self.high[1]]) - y
+        offset = (np.arctan2(corners_y, corners_x) - centre + np.pi) % (2.0 * np.pi) - np.pi
+        return float(centre + offset.min()), float(centre + offset.max())
+
+    def hits(self, x: float, y: float, azimuth: Floats) -> Hits:
+        """Meet rays from (x, y) with azimuths inside `span`."""
+        return self._hits_round(x, y, azimuth) if self.round else self._hits_box(x, y, azimuth)
+
+    def _hits_box(self, x: float, y: float, azimuth: Floats) -> Hits:
+        cos, sin = np.cos(azimuth), np.sin(azimuth)
+        cos = np.where(np.abs(cos) < 1e-9, 1e-9, cos)
+        sin = np.where(np.abs(sin) < 1e-9, 1e-9, sin)
+        (x0, y0, _), (x1, y1, _) = self.low, self.high
+        to_x = np.where(cos > 0, x0 - x, x1 - x) / cos
+        to_y = np.where(sin > 0, y0 - y, y1 - y) / sin
+        near = np.maximum(to_x, to_y)
+        far = np.minimum(np.where(cos > 0, x1 - x, x0 - x) / cos, np.where(sin > 0, y1 - y, y0 - y) / sin)
+        on_x = to_x > to_y
+        length, depth = x1 - x0, y1 - y0
+        along_x, along_y = np.clip(x + near * cos - x0, 0, length), np.clip(y + near * sin - y0, 0, depth)
+        u_x_face = np.where(cos > 0, 2 * length + 2 * depth - along_y, length + along_y)
+        u_y_face = np.where(sin > 0, along_x, 2 * length + depth - along_x)
+        u = np.where(on_x, u_x_face, u_y_face)
+        return Hits(near, np.maximum(far, near), u, np.where(on_x, np.abs(cos), np.abs(sin)))
+
+    def _hits_round(self, x: float, y: float, azimuth: Floats) -> Hits:
+        radius = (self.high[0] - self.low[0]) / 2.0
+        to_x, to_y = (self.low[0] + self.high[0]) / 2.0 - x, (self.low[1] + self.high[1]) / 2.0 - y
+        cos, sin = np.cos(azimuth), np.sin(azimuth)
+        along, aside = to_x * cos + to_y * sin, to_x * sin - to_y * cos
+        half = np.sqrt(np.maximum(radius**2 - aside**2, 0.0))
+        near = along - half
+        angle = np.arctan2(near * sin - to_y, near * cos - to_x)
+        return Hits(near, along + half, radius * (angle % (2.0 * np.pi)), np.maximum(half / radius, 1e-3))
+
+
+Crowd = Callable[[float], tuple[Solid, ...]]
+
+
+def nobody(t: float) -> tuple[Solid, ...]:
+    """A world where nothing moves."""
+    return ()
+
+
+@dataclass(frozen=True, eq=False)
+class World:
+    """All there is to see.
+
+    Attributes
+    ----------
+    solids : tuple of Solid
+        What stands still.
+    floor : Ground
+        The ground, z = 0.
+    ceiling : Ground or None
+        At `ceiling_height` m, or open sky.
+    sky : Sky or None
+        Seen where there is neither solid nor ceiling.
+    crowd : callable
+        The moving solids at time t, s.
+    """
+
+    solids: tuple[Solid, ...]
+    floor: Ground
+    ceiling: Ground | None = None
+    ceiling_height: float = 3.0
+    sky: Sky | None = None
+    crowd: Crowd = field(default=nobody)
+
+    def at(self, t: float) -> tuple[Solid, ...]:
+        """Everything solid at time `t`, s."""
+        return self.solids + self.crowd(t)
+
+    def clearance(self, x: Floats, y: Floats) -> float:
+        """Distance from the nearest of the points (x, y) to the nearest resting solid above the ground, m."""
+        nearest = np.inf
+        for solid in self.solids:
+            dx = np.maximum(np.maximum(solid.low[0] - x, x - solid.high[0]), 0.0)
+            dy = np.maximum(np.maximum(solid.low[1] - y, y - solid.high[1]), 0.0)
+            nearest = min(nearest, float(np.hypot(dx, dy).min()))
+        return nearest
+
+
+def far_to_near(solids: tuple[Solid, ...], x: float, y: float, z: float) -> list[Solid]:
+    """Order `solids` so that each comes after all that it can hide from a camera at (x, y, z).
+
+    Two boxes that are apart along an axis are told apart by a plane between them: what lies on the camera's side of it
+    is never hidden by what lies beyond.
+    """
+    low = np.array([solid.low for solid in solids])
+    high = np.array([solid.high for solid in solids])
+    camera = np.array([x, y, z])
+    # beyond[i, j]: a plane has i behind it and j before it, seen from the camera, so i cannot hide j.
+    above = (low[:, None, :] >= high[None, :, :] - 1e-9) & (camera <= low[:, None, :])
+    below = (high[:, None, :] <= low[None, :, :] + 1e-9) & (camera >= high[:, None, :])
+    beyond: npt.NDArray[np.bool_] = np.any(above | below, axis=2)
+    np.fill_diagonal(beyond, True)
+    distance = np.hypot(*(np.clip(camera[:2], low[:, :2], high[:, :2]) - camera[:2]).T)
+    order: list[Solid] = []
+    left = np.ones(len(solids), bool)
+    for _ in solids:
+        free = left & beyond[:, left].all(axis=1)
+        candidates = np.flatnonzero(free if free.any() else left)
+        pick = candidates[np.argmax(distance[candidates])]
+        order.append(solids[pick])
+        left[pick] = False
+    return order
