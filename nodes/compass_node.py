@@ -6,13 +6,14 @@ import sys
 from collections.abc import Sequence
 
 from rclpy.node import Node
+from std_srvs.srv import Empty
 
 from compass import VisualCompass
-from fusion.settings import Settings
 from nodes.compass_stream import CompassStream
 from nodes.complaints import Complaints
+from nodes.diagnostics import Diagnostics
 from nodes.parameters import NodeParameters
-from nodes.runtime import run
+from nodes.runtime import on_jump_back, run
 
 
 class CompassNode(Node):
@@ -21,14 +22,17 @@ class CompassNode(Node):
     def __init__(self) -> None:
         super().__init__("compass_node", automatically_declare_parameters_from_overrides=True)
         parameters = NodeParameters(self, ("topics", "compass"))
-        self._complaints = Complaints(self.get_logger().warning)
-        self._compass = VisualCompass(parameters.settings.compass)
-        self._stream = CompassStream(self, parameters.settings, self._compass, self._complaints)
-        parameters.on_change(self._apply)
+        settings = parameters.settings
+        complaints = Complaints(self.get_logger().warning)
+        self._stream = CompassStream(self, settings, VisualCompass(settings.compass), complaints)
+        parameters.on_change(self._stream.apply)
+        self.create_service(Empty, "~/reset", self._on_reset)
+        self._jumps = on_jump_back(self, self._stream.reset)
+        self._diagnostics = Diagnostics(self, {"images": self._stream.finding})
 
-    def _apply(self, settings: Settings) -> None:
-        self._compass.config = settings.compass
-        self._stream.textout = settings.topics.compass_textout
+    def _on_reset(self, _: Empty.Request, response: Empty.Response) -> Empty.Response:
+        self._stream.reset()
+        return response
 
     def destroy_node(self) -> None:
         """End the image thread, then the node."""

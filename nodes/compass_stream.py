@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import threading
+import time
 import traceback
 from collections.abc import Callable
 
@@ -21,13 +22,18 @@ from fusion.messages import image_of, stamp_to_ns
 from fusion.settings import Settings
 from nodes.complaints import Complaints
 from nodes.conversions import yaw_odometry
+from nodes.diagnostics import Finding, compass_figures, stream_finding
+from nodes.health import StreamHealth
 from nodes.images import NewestWorker
 
 IMAGE_QOS = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+JUMP_BACK = 10  # images in a row older than one before them: time itself has jumped back
+
+ImageMessage = Image | CompressedImage
 
 
 class CompassStream:
-    """Subscribes to panoramas, runs the compass in its own thread, publishes the raw compass.
+    """Subscribes to panoramas, runs the compass in a thread of its own, publishes the raw compass.
 
     Parameters
     ----------
@@ -57,15 +63,17 @@ class CompassStream:
         self._complain = complain
         self._use = use
         self._frames = (topics.odom_frame, topics.base_frame)
+        self._busy = threading.Lock()  # held while an image is worked on
         self._rate = CompassRate()
-        self._busy = threading.Lock()  # held while an image is worked on; reset waits for it
-        self.textout = topics.compass_textout
-        self.received = 0
-        self.worker: NewestWorker[Image | CompressedImage] = NewestWorker(self._work, "images")
+        self._backward_in_a_row = 0
+        self._confidence = math.nan
+        self.settings = settings
+        self.health = StreamHealth()
+        self._worker: NewestWorker[ImageMessage] = NewestWorker(self._work, "images")
         self._publisher = node.create_publisher(Odometry, topics.compass_output_topic, 10)
         compressed = topics.image_transport == "compressed"
         self.topic = topics.compass_image + ("/compressed" if compressed else "")
-        self._subscription = node.create_subscription(
+        node.create_subscription(
             CompressedImage if compressed else Image,
             self.topic,
             self._receive,
@@ -74,41 +82,71 @@ class CompassStream:
             qos_overriding_options=QoSOverridingOptions.with_default_policies(),
         )
 
+    def apply(self, settings: Settings) -> None:
+        """Take over settings that may change while running."""
+        self.settings = settings
+        self._compass.config = settings.compass
+
     def reset(self) -> None:
-        """Start the compass anew once the image in work is done."""
+        """Start the compass anew, once the image in work is done."""
         with self._busy:
-            self._compass.reset()
-            self._rate = CompassRate()
+            self._reset()
 
     def close(self) -> None:
         """End the image thread."""
-        self.worker.close()
+        self._worker.close()
 
-    def _receive(self, message: Image | CompressedImage) -> None:
-        self.received += 1
-        self.worker.offer(message)
+    def finding(self) -> Finding:
+        """What the diagnostics say of images and compass."""
+        level, text, figures = stream_finding(self._node, self.health, self.settings.topics.sensor_timeout)
+        figures |= {"dropped": str(self._worker.dropped)} | compass_figures(self._compass, self._confidence)
+        return level, text, figures | self._complain.figures(self.topic)
 
-    def _work(self, message: Image | CompressedImage) -> None:
+    def _reset(self) -> None:
+        self._compass.reset()
+        self._rate = CompassRate()
+        self._backward_in_a_row = 0
+
+    def _receive(self, message: ImageMessage) -> None:
+        self.health.receive(time.monotonic())
+        self._worker.offer(message)
+
+    def _work(self, message: ImageMessage) -> None:
         """Everything one image needs; nothing a message carries may end the thread."""
         try:
             with self._busy:
                 self._serve(message)
         except VisualCompassError as error:
             self._complain(self.topic, error)
-        except Exception:
+        except Exception as error:
             if self._node.context.ok():  # else the publisher's context ended: the node is about to
-                self._complain(self.topic, traceback.format_exc())
+                self._node.get_logger().debug(traceback.format_exc())
+                self._complain(self.topic, f"unexpected {error!r}")
 
-    def _serve(self, message: Image | CompressedImage) -> None:
+    def _serve(self, message: ImageMessage) -> None:
+        compass = self._compass
         t_ns = stamp_to_ns(message.header.stamp)
-        image, encoding = image_of(message, self._compass.config.columns)
-        increment = self._compass.update(t_ns, image, encoding)
+        image, encoding = image_of(message, compass.config.columns)
+        increment = compass.update(t_ns, image, encoding)
+        if compass.status is CompassStatus.BACKWARD_STAMP:
+            self._watch_time(t_ns)
+        else:
+            self._backward_in_a_row = 0
         if increment is not None:
+            self._confidence = increment.confidence
+            self._publish(increment)
             if self._use is not None:
                 self._use(increment)
-            self._publish(increment)
-        elif self._compass.status is not CompassStatus.FIRST_FRAME:
-            self._complain(self.topic, self._compass.status.value)
+        elif compass.status is not CompassStatus.FIRST_FRAME:
+            self._complain(self.topic, compass.status.value)
+            return
+        self.health.use(time.monotonic(), t_ns)
+
+    def _watch_time(self, t_ns: int) -> None:
+        self._backward_in_a_row += 1
+        if self._backward_in_a_row >= JUMP_BACK:
+            self._complain(self.topic, f"time jumped back to {t_ns * 1e-9:.3f} s: compass starts anew")
+            self._reset()
 
     def _publish(self, increment: YawIncrement) -> None:
         compass = self._compass
@@ -116,5 +154,5 @@ class CompassStream:
         self._publisher.publish(
             yaw_odometry(increment.t_ns, compass.yaw, compass.yaw_variance, rate, variance, self._frames)
         )
-        if self.textout:
+        if self.settings.topics.compass_textout:
             self._node.get_logger().info(f"angle {math.degrees(compass.yaw):.2f} deg")

@@ -4,25 +4,35 @@ from __future__ import annotations
 
 import sys
 import threading
+import time
 from collections.abc import Callable, Sequence
+from typing import Any
 
+from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
 from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from sensor_msgs.msg import Imu
+from std_srvs.srv import Empty
 
 from compass import YawIncrement
 from compass.errors import VisualCompassError
-from fusion import GyroSample, OdometrySample, YawPipeline
+from fusion import GyroSample, OdometrySample, Sensor, Verdict, YawPipeline
+from fusion.events import fault_of
 from fusion.messages import gyro_sample, odometry_sample
 from fusion.settings import Settings
 from fusion.vertical import ImuLevel
 from nodes.compass_stream import CompassStream
 from nodes.complaints import Complaints
-from nodes.conversions import fused_odometry
+from nodes.conversions import fused_odometry, pose_yaw
+from nodes.diagnostics import Diagnostics, Finding, count_figures, fusion_finding, gate_figures, stream_finding
+from nodes.health import StreamHealth
 from nodes.parameters import NodeParameters
-from nodes.runtime import run
+from nodes.runtime import on_jump_back, run
+from nodes.transforms import transform_broadcaster, transform_of
+
+Sample = GyroSample | OdometrySample | YawIncrement
 
 
 class FusionNode(Node):
@@ -33,46 +43,127 @@ class FusionNode(Node):
         parameters = NodeParameters(self, ("topics", "compass", "fusion", "imu"))
         settings = parameters.settings
         topics = settings.topics
+        self._settings = settings
+        self._topics = {Sensor.GYRO: topics.gyro_topic, Sensor.TRACKS: topics.odometry_topic}
         self._complaints = Complaints(self.get_logger().warning)
         self._pipeline = YawPipeline(settings.compass, settings.fusion)
         self._level = ImuLevel(settings.imu)
-        self._lock = threading.Lock()  # guards the filter; the compass works outside of it
+        self._lock = threading.Lock()  # guards the filter and its output; the compass works outside of it
+        self._health = {sensor: StreamHealth() for sensor in Sensor}
         self._published_ns = -1
-        self._frames = (topics.odom_frame, topics.base_frame)
         self._publisher = self.create_publisher(Odometry, topics.fused_output_topic, 10)
-        self._subscribe(Imu, topics.gyro_topic, self._on_gyro)
-        self._subscribe(Odometry, topics.odometry_topic, self._on_odometry)
-        self._stream = CompassStream(self, settings, self._pipeline.compass, self._complaints, self._fuse)
+        self._broadcaster = transform_broadcaster(self) if topics.publish_tf else None
+        self._listen(Imu, Sensor.GYRO, lambda message: gyro_sample(message, self._level))
+        self._listen(Odometry, Sensor.TRACKS, odometry_sample)
+        self._stream = CompassStream(self, settings, self._pipeline.compass, self._complaints, self._fuse_increment)
+        self._health[Sensor.COMPASS] = self._stream.health
         parameters.on_change(self._apply)
+        self.create_service(Empty, "~/reset", self._on_reset)
+        self.create_subscription(PoseWithCovarianceStamped, "set_pose", self._on_set_pose, 10)
+        self._jumps = on_jump_back(self, self._reset)
+        self._diagnostics = Diagnostics(
+            self,
+            {
+                "images": self._images_finding,
+                "gyro": lambda: self._sensor_finding(Sensor.GYRO),
+                "tracks": lambda: self._sensor_finding(Sensor.TRACKS),
+                "fusion": self._fusion_finding,
+            },
+        )
 
-    def _subscribe(self, kind: type, topic: str, callback: Callable[..., None]) -> None:
+    def _listen(self, kind: type, sensor: Sensor, convert: Callable[[Any], Sample]) -> None:
+        """Subscribe to a sensor whose messages become samples by `convert`."""
+        topic, health = self._topics[sensor], self._health[sensor]
+
+        def receive(message: Any) -> None:
+            health.receive(time.monotonic())
+            try:
+                sample = convert(message)
+            except VisualCompassError as error:
+                self._complaints(topic, error)
+                return
+            if self._fuse(sample, sensor):
+                health.use(time.monotonic(), sample.t_ns)
+
         options = QoSOverridingOptions.with_default_policies()
-        self.create_subscription(kind, topic, callback, qos_profile_sensor_data, qos_overriding_options=options)
+        self.create_subscription(kind, topic, receive, qos_profile_sensor_data, qos_overriding_options=options)
 
-    def _on_gyro(self, message: Imu) -> None:
-        try:
-            self._fuse(gyro_sample(message, self._level))
-        except VisualCompassError as error:
-            self._complaints("gyro", error)
+    def _fuse_increment(self, increment: YawIncrement) -> None:
+        self._fuse(increment, Sensor.COMPASS)
 
-    def _on_odometry(self, message: Odometry) -> None:
-        try:
-            self._fuse(odometry_sample(message))
-        except VisualCompassError as error:
-            self._complaints("odometry", error)
-
-    def _fuse(self, sample: GyroSample | OdometrySample | YawIncrement) -> None:
-        """Add a sample, from whichever thread, and publish what it changed."""
+    def _fuse(self, sample: Sample, sensor: Sensor) -> bool:
+        """Add a sample, from whichever thread, and publish what it changed; False where it was not used."""
         with self._lock:
-            self._pipeline.add(sample)
-            estimate = self._pipeline.estimate()
-            if estimate is not None and estimate.t_ns > self._published_ns:
-                self._published_ns = estimate.t_ns
-                self._publisher.publish(fused_odometry(estimate, self._frames))
+            taken = self._pipeline.add(sample)
+            report = self._pipeline.fusion.reports()[sensor]
+            self._publish()
+        if not taken:
+            where = self._topics.get(sensor, self._stream.topic)
+            self._complaints(where, f"refused: {fault_of(sample) or 'late beyond lag_window, or known already'}")
+        return taken and (report is None or report.verdict is not Verdict.REJECTED)
+
+    def _publish(self) -> None:
+        """Publish the estimate if it is newer than the last; a late sample shows in the next."""
+        estimate = self._pipeline.estimate()
+        topics = self._settings.topics
+        pause_ns = 1e9 / topics.fused_rate if topics.fused_rate > 0.0 else 1.0
+        if estimate is None or 0 <= estimate.t_ns - self._published_ns < pause_ns:
+            return
+        self._published_ns = estimate.t_ns
+        message = fused_odometry(estimate, (topics.odom_frame, topics.base_frame))
+        self._publisher.publish(message)
+        if self._broadcaster is not None:
+            self._broadcaster.sendTransform(transform_of(message))
 
     def _apply(self, settings: Settings) -> None:
-        self._pipeline.compass.config = settings.compass
-        self._stream.textout = settings.topics.compass_textout
+        self._settings = settings
+        self._stream.apply(settings)
+
+    def _reset(self) -> None:
+        """Start everything anew."""
+        self._stream.reset()
+        with self._lock:
+            self._pipeline.fusion.reset()
+            self._level.reset()
+
+    def _on_reset(self, _: Empty.Request, response: Empty.Response) -> Empty.Response:
+        self._reset()
+        return response
+
+    def _on_set_pose(self, message: PoseWithCovarianceStamped) -> None:
+        try:
+            yaw, variance = pose_yaw(message)
+        except VisualCompassError as error:
+            self._complaints("set_pose", error)
+            return
+        with self._lock:
+            self._pipeline.fusion.set_yaw(yaw, variance)
+
+    def _sensor_finding(self, sensor: Sensor) -> Finding:
+        level, text, figures = stream_finding(self, self._health[sensor], self._settings.topics.sensor_timeout)
+        figures |= self._filter_figures(sensor)
+        if sensor is Sensor.GYRO:
+            figures["vertical from"] = self._level.source
+        return level, text, figures | self._complaints.figures(self._topics[sensor])
+
+    def _filter_figures(self, sensor: Sensor) -> dict[str, str]:
+        """How a sensor's samples fared in the filter."""
+        fusion = self._pipeline.fusion
+        with self._lock:
+            return gate_figures(fusion.reports()[sensor]) | count_figures(fusion.counts, f"{sensor.value}: ")
+
+    def _fusion_finding(self) -> Finding:
+        timeout, now = self._settings.topics.sensor_timeout, time.monotonic()
+        live = sum(health.alive(now, timeout) for health in self._health.values())
+        with self._lock:
+            estimate = self._pipeline.estimate()
+            resets = count_figures(self._pipeline.fusion.counts, "reset")
+        level, text, figures = fusion_finding(estimate, live)
+        return level, text, figures | resets
+
+    def _images_finding(self) -> Finding:
+        level, text, figures = self._stream.finding()
+        return level, text, figures | self._filter_figures(Sensor.COMPASS)
 
     def destroy_node(self) -> None:
         """End the image thread, then the node."""

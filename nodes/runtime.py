@@ -5,11 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import rclpy
+from rclpy.clock import JumpHandle, JumpThreshold, TimeJump
+from rclpy.duration import Duration
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 
 from compass.errors import VisualCompassError
 
+_BACK = Duration(seconds=-0.1)  # a clock that goes back by less is handled as late data
 # A signal that comes between two waits can wake the executor before it invalidates the context, and then never
 # again: so no wait is endless.
 _LONGEST_WAIT_S = 0.2
@@ -38,3 +41,14 @@ def run(make_node: Callable[[], Node], args: Sequence[str] | None = None) -> int
             node.destroy_node()
         rclpy.try_shutdown()
     return 0
+
+
+def on_jump_back(node: Node, reset: Callable[[], None]) -> JumpHandle:
+    """Call `reset` when the node's clock jumps back, as with ``use_sim_time`` and a bag played again."""
+
+    def jumped(jump: TimeJump) -> None:
+        node.get_logger().warning(f"time jumped by {jump.delta.nanoseconds * 1e-9:.3f} s: starting anew")
+        reset()
+
+    threshold = JumpThreshold(min_forward=None, min_backward=_BACK, on_clock_change=False)
+    return node.get_clock().create_jump_callback(threshold, post_callback=jumped)

@@ -145,6 +145,17 @@ def wait_for(true: Callable[[], Any], what: str, patience: float = PATIENCE_S) -
         time.sleep(0.01)
 
 
+def send_until(send: Callable[[], Any], true: Callable[[], Any], what: str) -> None:
+    """Send again and again until a condition holds: the first messages of a best-effort topic may be lost."""
+    end = time.monotonic() + PATIENCE_S
+    while not true():
+        assert time.monotonic() < end, f"sent for {PATIENCE_S:g} s and waited for {what}"
+        send()
+        pause = time.monotonic() + 1.0
+        while not true() and time.monotonic() < pause:
+            time.sleep(0.005)
+
+
 def scene(width: int = 512, height: int = 64, seed: int = 0) -> np.ndarray:
     """A textured strip without seam, band-limited so that it can be turned by fractions of a pixel."""
     rng = np.random.default_rng(seed)

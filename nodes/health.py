@@ -1,0 +1,78 @@
+"""How a sensor's stream fares: rate, silence, share of messages that could be used. No ROS in here."""
+
+from __future__ import annotations
+
+import math
+from enum import IntEnum
+
+_UNUSABLE_SHARE = 0.1  # of a period's messages; more than this is worth a warning
+
+
+class Level(IntEnum):
+    """Severity, numbered as in ``diagnostic_msgs/DiagnosticStatus``."""
+
+    OK = 0
+    WARN = 1
+    ERROR = 2
+    STALE = 3
+
+
+class StreamHealth:
+    """Counts what came and what of it was used, and judges it period by period.
+
+    Attributes
+    ----------
+    received, used : int
+        Messages so far, and how many of them became part of a result.
+    stamp_ns : int or None
+        Stamp of the newest used message, ns.
+    """
+
+    def __init__(self) -> None:
+        self.received = 0
+        self.used = 0
+        self.stamp_ns: int | None = None
+        self._received_at = -math.inf
+        self._used_at = -math.inf
+        self._period: tuple[float, int, int] | None = None  # time, received and used at its start
+
+    def receive(self, now: float) -> None:
+        """Note a message that arrived at `now`, monotonic seconds."""
+        self.received += 1
+        self._received_at = now
+
+    def use(self, now: float, stamp_ns: int) -> None:
+        """Note that a message was used."""
+        self.used += 1
+        self._used_at = now
+        self.stamp_ns = stamp_ns
+
+    def alive(self, now: float, timeout: float) -> bool:
+        """Whether a message was used within the last `timeout` seconds."""
+        return now - self._used_at <= timeout
+
+    def judge(self, now: float, timeout: float) -> tuple[Level, str, dict[str, str]]:
+        """Level, reason and figures of the period since the last call; silent for `timeout` seconds means stale."""
+        since, received, used = self._period or (now, 0, 0)
+        self._period = (now, self.received, self.used)
+        came, served = self.received - received, self.used - used
+        rate = came / (now - since) if now > since else math.nan
+        level, reason = self._level(now, timeout, came, served)
+        silence = now - self._received_at
+        return level, reason, {
+            "rate [Hz]": f"{rate:.1f}",
+            "silent for [s]": f"{silence:.2f}" if math.isfinite(silence) else "ever",
+            "received": str(self.received),
+            "used": str(self.used),
+        }  # fmt: skip
+
+    def _level(self, now: float, timeout: float, came: int, served: int) -> tuple[Level, str]:
+        if not self.received:
+            return Level.STALE, "nothing received yet"
+        if now - self._received_at > timeout:
+            return Level.STALE, f"silent for {now - self._received_at:.1f} s"
+        if not self.alive(now, timeout):
+            return Level.ERROR, "messages come, none can be used"
+        if came - served > _UNUSABLE_SHARE * came + 1.0:  # one may be under way
+            return Level.WARN, f"{came - served} of {came} messages not used"
+        return Level.OK, "OK"

@@ -1,0 +1,152 @@
+"""What a topic can carry, a node survives: it says so once, counts it, and goes on."""
+
+from __future__ import annotations
+
+import array
+import math
+
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray
+from nav_msgs.msg import Odometry
+from ros_harness import (
+    START_NS,
+    Robot,
+    image_message,
+    imu_message,
+    jpeg_message,
+    odometry_message,
+    panorama,
+    scene,
+    send_until,
+    started,
+)
+from sensor_msgs.msg import CompressedImage, Image, Imu
+
+SECOND = 1_000_000_000
+NAN = float("nan")
+
+
+@pytest.fixture
+def robot():
+    robot = Robot()
+    yield robot
+    robot.close()
+
+
+def spoilt(message, **fields):
+    """A message with some fields replaced."""
+    for name, value in fields.items():
+        setattr(message, name, value)
+    return message
+
+
+def image(t_ns=START_NS + SECOND, **fields):
+    return spoilt(image_message(t_ns, panorama(0.0, scene())), **fields)
+
+
+BAD_IMAGES = {
+    "'bayer_rggb8' is unknown": lambda: image(encoding="bayer_rggb8"),
+    "xxxxx": lambda: image(encoding="'; \n\x1b[31m" + "x" * 5000),
+    "0 x 0 pixels": lambda: image(width=0, height=0),
+    "step 3 is shorter": lambda: image(step=3),
+    "100 bytes": lambda: image(data=array.array("B", b"\x00" * 100)),
+    "stamp is zero": lambda: image(t_ns=0),
+}
+BAD_GYRO = {
+    "imu/data: refused: not finite": lambda: imu_message(START_NS, NAN),
+    "imu/data: header.stamp is zero": lambda: imu_message(0, 0.1),
+    "without angular velocity": lambda: spoilt(
+        imu_message(START_NS, 0.1), angular_velocity_covariance=[-1.0] + 8 * [0.0]
+    ),
+}
+BAD_TRACKS = {
+    "odom: refused: not finite": lambda: odometry_message(START_NS, math.inf),
+    "odom: header.stamp is zero": lambda: odometry_message(0, 0.1),
+}
+# These are of a kind that was said before: they make no line of their own.
+SAME_AGAIN = (
+    Image,
+    lambda: image(t_ns=-5 * SECOND),
+    lambda: image(height=2**32 - 1, step=2**32 - 1),
+    lambda: image(encoding="16UC7"),
+)
+
+
+def level_of(status):
+    return int.from_bytes(status.level, "little")
+
+
+def newest(diagnostics, source):
+    """Newest status whose name ends with `source`; None if there is none."""
+    for message in reversed(diagnostics):
+        for status in message.status:
+            if status.name.endswith(source):
+                return status
+    return None
+
+
+def figures(diagnostics, source):
+    status = newest(diagnostics, source)
+    return {} if status is None else {pair.key: pair.value for pair in status.values}
+
+
+def faults(diagnostics, source):
+    """How many faults the diagnostics have counted for a source."""
+    return sum(int(value) for key, value in figures(diagnostics, source).items() if key.startswith("fault: "))
+
+
+def test_fusion_node_survives_bad_messages(robot, tmp_path):
+    with started("nodes.fusion_node", tmp_path / "log") as node:
+        fused = robot.listen(Odometry, "/odometry/fused")
+        diagnostics = robot.listen(DiagnosticArray, "/diagnostics")
+        gyro = robot.connect(Imu, "/imu/data")
+        tracks = robot.connect(Odometry, "/odom")
+        view = robot.connect(Image, "/viz/pano/image")
+        robot.wait_publisher("/odometry/fused")
+        robot.wait_publisher("/diagnostics")
+
+        for send, bad in ((view, BAD_IMAGES), (gyro, BAD_GYRO), (tracks, BAD_TRACKS)):
+            for says, make in bad.items():
+                send_until(lambda send=send, make=make: send(make()), lambda says=says: says in node.text(), says)
+        for make in SAME_AGAIN:
+            counted = faults(diagnostics, "images") + 1
+            send_until(
+                lambda make=make: view(make()),
+                lambda counted=counted: faults(diagnostics, "images") >= counted,
+                "a fault counted",
+            )
+        assert fused == []
+        send_until(
+            lambda: gyro(imu_message(0, 0.1)),
+            lambda: level_of(newest(diagnostics, "gyro")) == 2,
+            "gyro in error: messages come, none can be used",
+        )
+
+        send_until(lambda: gyro(imu_message(START_NS + SECOND, 0.1)), lambda: fused, "the fused yaw after all that")
+        assert node.alive
+        lines = node.text().splitlines()
+        assert len(lines) == len(BAD_IMAGES) + len(BAD_GYRO) + len(BAD_TRACKS)  # each kind is said once
+        assert max(map(len, lines)) < 600
+        assert all(character.isprintable() for line in lines for character in line)
+
+
+def test_compass_node_survives_corrupt_jpeg(robot, tmp_path):
+    texture = scene()
+    with started("nodes.compass_node", tmp_path / "log", image_transport="compressed") as node:
+        compass = robot.listen(Odometry, "/compass_pose")
+        diagnostics = robot.listen(DiagnosticArray, "/diagnostics")
+        view = robot.connect(CompressedImage, "/viz/pano/image/compressed")
+        robot.wait_publisher("/compass_pose")
+        robot.wait_publisher("/diagnostics")
+        whole = jpeg_message(START_NS, panorama(0.0, texture))
+        for data in (b"", b"\xff\xd8", b"not a jpeg", bytes(whole.data[:200]), b"\x89PNG\r\n\x1a\n" + b"\x00" * 64):
+            counted = faults(diagnostics, "images") + 1
+            message = spoilt(jpeg_message(START_NS, panorama(0.0, texture)), data=array.array("B", data))
+            send_until(
+                lambda message=message: view(message),
+                lambda counted=counted: faults(diagnostics, "images") >= counted,
+                "a corrupt image counted",
+            )
+        stamps = iter(range(START_NS, START_NS + 10 * SECOND, SECOND // 20))
+        send_until(lambda: view(jpeg_message(next(stamps), panorama(0.0, texture))), lambda: compass, "an increment")
+        assert node.text().count("\n") == node.text().count("corrupt") > 0
