@@ -21,7 +21,12 @@ _LONGEST_WAIT_S = 0.2
 def run(make_node: Callable[[], Node], args: Sequence[str] | None = None) -> int:
     """Run a node until Ctrl-C or SIGTERM; an error of the user's is one line and exit code 1."""
     node: Node | None = None
-    rclpy.init(args=args)
+    log = rclpy.logging.get_logger("visual_compass")
+    try:
+        rclpy.init(args=args)
+    except RuntimeError as error:  # rcl's: a parameter file or remapping it cannot parse
+        log.fatal(str(error))
+        return 1
     try:
         node = make_node()
         executor = SingleThreadedExecutor()
@@ -31,7 +36,7 @@ def run(make_node: Callable[[], Node], args: Sequence[str] | None = None) -> int
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
     except VisualCompassError as error:
-        rclpy.logging.get_logger("visual_compass").fatal(str(error))
+        log.fatal(str(error))
         return 1
     except Exception:
         if rclpy.ok():

@@ -1,0 +1,137 @@
+"""Parameters of the nodes: declared from the config dataclasses, refused when wrong, some live."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from nav_msgs.msg import Odometry
+from rcl_interfaces.msg import Parameter as ParameterMessage
+from rcl_interfaces.msg import ParameterType, ParameterValue
+from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters, SetParameters
+from ros_harness import START_NS, Robot, image_message, imu_message, panorama, scene, send_until, stamp_of, started
+from sensor_msgs.msg import Image, Imu
+
+from fusion.settings import Settings
+from nodes.parameters import settings_specs, settings_values
+
+
+@pytest.fixture(scope="module")
+def robot():
+    robot = Robot()
+    yield robot
+    robot.close()
+
+
+@pytest.fixture(scope="module")
+def running(robot, tmp_path_factory):
+    with started("nodes.fusion_node", tmp_path_factory.mktemp("node") / "log", compass__min_confidence=0.25) as node:
+        yield node
+
+
+def set_double(robot, name, value):
+    message = ParameterMessage(name=name, value=ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=value))
+    request = SetParameters.Request(parameters=[message])
+    return robot.call(SetParameters, "/fusion_node/set_parameters", request).results[0]
+
+
+def get_double(robot, name):
+    return robot.call(GetParameters, "/fusion_node/get_parameters", GetParameters.Request(names=[name])).values[0]
+
+
+def test_every_setting_is_a_parameter_with_its_description(robot, running):
+    listed = robot.call(ListParameters, "/fusion_node/list_parameters", ListParameters.Request()).result.names
+    specs = {name: spec for name, (_, spec) in settings_specs().items()}
+    assert set(specs) <= set(listed)
+    request = DescribeParameters.Request(names=list(specs))
+    descriptors = robot.call(DescribeParameters, "/fusion_node/describe_parameters", request).descriptors
+    for (name, spec), descriptor in zip(specs.items(), descriptors, strict=True):
+        assert descriptor.name == name
+        assert descriptor.description.startswith(spec.description)
+        assert descriptor.read_only == (not spec.live)
+        if isinstance(spec.default, float) and spec.low is not None and spec.high is not None:
+            limits = descriptor.floating_point_range[0]
+            assert (limits.from_value, limits.to_value) == (spec.low, spec.high)
+
+
+def test_values_are_the_defaults_save_the_one_given(robot, running):
+    defaults = settings_values(Settings())
+    request = GetParameters.Request(names=list(defaults))
+    got = robot.call(GetParameters, "/fusion_node/get_parameters", request).values
+    fields = {bool: "bool_value", int: "integer_value", float: "double_value", str: "string_value"}
+    values = {name: getattr(value, fields[type(defaults[name])]) for name, value in zip(defaults, got, strict=True)}
+    assert values == defaults | {"compass.min_confidence": 0.25}
+
+
+def test_live_parameter_changes_within_its_range_only(robot, running):
+    assert set_double(robot, "compass.min_confidence", 0.5).successful
+    assert get_double(robot, "compass.min_confidence").double_value == 0.5
+    for wrong in (1.5, -0.1, math.nan):
+        assert not set_double(robot, "compass.min_confidence", wrong).successful
+    assert get_double(robot, "compass.min_confidence").double_value == 0.5
+
+
+def test_structural_parameter_is_read_only(robot, running):
+    result = set_double(robot, "compass.roi_top", 0.1)
+    assert not result.successful
+    assert "read-only" in result.reason
+
+
+def test_live_change_acts_on_the_running_compass(robot, running):
+    compass = robot.listen(Odometry, "/compass_pose")
+    send = robot.connect(Image, "/viz/pano/image")
+    robot.wait_publisher("/compass_pose")
+    rng = np.random.default_rng(0)
+    view, times = panorama(0.0, scene()), iter(range(START_NS, START_NS + 10**11, 50_000_000))
+
+    def noisy():
+        send(image_message(next(times), view + rng.integers(0, 20, view.shape, np.uint8)))
+
+    send_until(noisy, lambda: compass, "an increment")
+    assert set_double(robot, "compass.min_confidence", 1.0).successful  # with noise no correlation is perfect
+    send_until(noisy, lambda: "below min_confidence" in running.text(), "an image refused")
+    assert set_double(robot, "compass.min_confidence", 0.3).successful
+    given = len(compass)
+    send_until(noisy, lambda: len(compass) > given, "an increment again")
+
+
+@pytest.mark.parametrize(
+    ("parameters", "says"),
+    [
+        ({"compass.metod": "rows"}, "did you mean"),
+        ({"compass.columns": 3}, "16"),
+        ({"publish_tf": True}, "tf2_ros"),
+    ],
+)
+def test_wrong_parameter_is_refused_in_one_line(parameters, says, tmp_path):
+    named = {name.replace(".", "__"): value for name, value in parameters.items()}
+    with started("nodes.fusion_node", tmp_path / "log", **named) as node:
+        assert node.wait() == 1
+        assert node.text().count("\n") == 1
+        assert says in node.text()
+
+
+def test_parameter_file_of_the_command_line_is_read(robot, tmp_path):
+    file = tmp_path / "parameters.yaml"
+    file.write_text(
+        "/**:\n  ros__parameters:\n    fused_output_topic: /yaw\n    compass: {method: rows, min_confidence: 0}\n"
+        "    qos_overrides: {/imu/data: {subscription: {reliability: reliable}}}\n"
+    )
+    with started("nodes.fusion_node", tmp_path / "log", ["--params-file", str(file)]):
+        fused = robot.listen(Odometry, "/yaw")
+        gyro = robot.connect(Imu, "/imu/data", 10)
+        robot.wait_publisher("/yaw")
+        send_until(lambda: gyro(imu_message(START_NS, 0.1)), lambda: fused, "the fused yaw")
+        assert stamp_of(fused[0]) == START_NS
+        subscription = robot.node.get_subscriptions_info_by_topic("/imu/data")[0]
+        assert subscription.qos_profile.reliability.name == "RELIABLE"
+
+
+def test_unreadable_parameter_file_is_refused(tmp_path):
+    file = tmp_path / "parameters.yaml"
+    file.write_text("/**:\n  ros__parameters:\n    compass: {columns: [1, 2}\n")
+    with started("nodes.fusion_node", tmp_path / "log", ["--params-file", str(file)]) as node:
+        assert node.wait() == 1
+        assert "Error parsing" in node.text()
+        assert "Traceback" not in node.text()

@@ -1,0 +1,181 @@
+"""The parts of the nodes that need no second process."""
+
+from __future__ import annotations
+
+import math
+import threading
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy", reason="rclpy is not installed: pip install '.[ros]'")
+
+from geometry_msgs.msg import PoseWithCovarianceStamped
+
+from fusion import YawEstimate
+from fusion.messages import MessageError, stamp_to_ns, yaw_of
+from nodes.complaints import REPEAT_S, Complaints
+from nodes.conversions import fused_odometry, ns_to_stamp, pose_yaw, yaw_odometry
+from nodes.health import Level, StreamHealth
+from nodes.images import NewestWorker
+from nodes.parameters import describe, settings_specs
+from nodes.transforms import transform_of
+
+FRAMES = ("odom", "base_link")
+START_YAWS = [math.radians(a) for a in (0.0, 60.0, 180.0, -120.0)] + [math.pi - 1e-9, -math.pi + 1e-9]
+
+
+def estimate(yaw=0.0):
+    return YawEstimate(1_500_000_000_123_456_789, yaw, 1e-4, 0.5, 1e-6, 0.0, 1e-6, 1.0, 1e-2)
+
+
+@pytest.mark.parametrize("turns", [0, 3, -2])
+@pytest.mark.parametrize("yaw", START_YAWS)
+def test_odometry_carries_yaw_and_nothing_else(yaw, turns):
+    message = fused_odometry(estimate(yaw + turns * math.tau), FRAMES)
+    q, p, twist = message.pose.pose.orientation, message.pose.pose.position, message.twist.twist
+    assert q.x**2 + q.y**2 + q.z**2 + q.w**2 == pytest.approx(1.0, abs=1e-12)
+    # the angle between both, free of the wrap at pi
+    assert math.remainder(yaw_of(q) - yaw, math.tau) == pytest.approx(0.0, abs=1e-9)
+    assert (p.x, p.y, p.z, twist.linear.x, twist.linear.y, twist.linear.z) == (0.0,) * 6
+    assert (twist.angular.x, twist.angular.y, twist.angular.z) == (0.0, 0.0, 0.5)
+    assert (message.header.frame_id, message.child_frame_id) == FRAMES
+
+
+def test_stamp_survives_there_and_back_to_the_nanosecond():
+    t_ns = 1_500_000_000_123_456_789
+    assert stamp_to_ns(ns_to_stamp(t_ns)) == t_ns
+    assert stamp_to_ns(fused_odometry(estimate(), FRAMES).header.stamp) == t_ns
+
+
+def test_covariances_can_be_inverted_by_a_filter():
+    message = yaw_odometry(1, 0.1, 2e-4, 0.3, 5e-5, FRAMES)
+    for covariance, yaw_variance in ((message.pose.covariance, 2e-4), (message.twist.covariance, 5e-5)):
+        matrix = np.reshape(covariance, (6, 6))
+        assert matrix[5, 5] == yaw_variance
+        assert np.all(np.diag(matrix)[:5] >= 1e3)  # rad^2 or m^2: says nothing of them
+        np.linalg.cholesky(matrix)  # raises unless positive definite
+        assert np.linalg.cond(matrix) < 1e12  # and well inside double precision
+
+
+def test_transform_repeats_the_odometry():
+    message = fused_odometry(estimate(0.7), FRAMES)
+    transform = transform_of(message)
+    assert (transform.header.frame_id, transform.child_frame_id) == FRAMES
+    assert transform.header.stamp == message.header.stamp
+    assert yaw_of(transform.transform.rotation) == pytest.approx(0.7)
+    assert transform.transform.translation.x == 0.0
+
+
+def pose(w=1.0, z=0.0, variance=0.01):
+    message = PoseWithCovarianceStamped()
+    message.pose.pose.orientation.w, message.pose.pose.orientation.z = w, z
+    message.pose.covariance[35] = variance
+    return message
+
+
+def test_set_pose_is_read():
+    yaw, variance = pose_yaw(pose(math.cos(0.4), math.sin(0.4), 0.02))
+    assert (yaw, variance) == (pytest.approx(0.8), 0.02)
+
+
+@pytest.mark.parametrize("bad", [pose(w=0.0), pose(w=math.nan), pose(variance=-1.0), pose(variance=math.nan)])
+def test_set_pose_that_says_nothing_is_refused(bad):
+    with pytest.raises(MessageError, match="set_pose"):
+        pose_yaw(bad)
+
+
+def test_complaint_is_said_once_and_counted():
+    said, now = [], [0.0]
+    complain = Complaints(said.append, lambda: now[0])
+    for k in range(100):
+        complain("/camera", f"step {k} of 'encoding{k}' is wrong")
+    assert said == ["/camera: step 0 of 'encoding0' is wrong"]
+    assert list(complain.figures("/camera").values()) == ["100"]
+    assert complain.figures("/cam") == {}
+    now[0] = REPEAT_S
+    complain("/camera", "step 7 of 'x' is wrong")
+    assert said[1:] == ["/camera: step 7 of 'x' is wrong (101 times so far)"]
+
+
+def test_complaints_of_ever_new_kinds_do_not_fill_the_memory():
+    said = []
+    complain = Complaints(said.append, lambda: 0.0)
+    words = ["".join(chr(97 + k // 26**i % 26) for i in range(3)) for k in range(1000)]
+    for word in words:
+        complain("/camera", word)
+    assert len(complain.counts) <= 52
+    assert complain.counts.total() == 1000
+    assert len(said) == len(complain.counts)
+
+
+def feed(health, start, seconds, used_share=1.0, rate=20.0):
+    """Messages at a rate, of which a share is used."""
+    owed = 0.0
+    for k in range(round(seconds * rate)):
+        now = start + k / rate
+        health.receive(now)
+        owed += used_share
+        if owed >= 1.0:
+            owed -= 1.0
+            health.use(now, round(now * 1e9))
+
+
+def test_health_follows_a_sensor_that_fades_and_returns():
+    health = StreamHealth()
+    levels = []
+
+    def judge(now):
+        levels.append(health.judge(now, timeout=2.0)[0])
+
+    judge(0.0)  # nothing yet
+    feed(health, 0.0, 1.0)
+    judge(1.0)
+    feed(health, 1.0, 1.0, used_share=0.5)
+    judge(2.0)
+    feed(health, 2.0, 3.0, used_share=0.0)
+    judge(5.0)
+    judge(8.0)  # silent for three seconds
+    feed(health, 8.0, 1.0)
+    judge(9.0)
+    assert levels == [Level.STALE, Level.OK, Level.WARN, Level.ERROR, Level.STALE, Level.OK]
+
+
+def test_health_reports_the_rate():
+    health = StreamHealth()
+    health.judge(0.0, 2.0)
+    feed(health, 0.0, 2.0, rate=30.0)
+    assert health.judge(2.0, 2.0)[2]["rate [Hz]"] == "30.0"
+
+
+def test_worker_serves_the_newest_and_counts_the_overtaken():
+    begun, go, served = threading.Event(), threading.Event(), []
+
+    def work(item):
+        begun.set()
+        assert go.wait(10.0)
+        served.append(item)
+
+    worker = NewestWorker(work, "test")
+    worker.offer(0)
+    assert begun.wait(10.0)
+    for item in range(1, 6):
+        worker.offer(item)  # 1 to 4 are overtaken while 0 is in work
+    go.set()
+    for _ in range(1000):
+        if len(served) == 2:
+            break
+        threading.Event().wait(0.01)
+    worker.close()
+    assert served == [0, 5]
+    assert worker.dropped == 4
+
+
+def test_parameter_descriptor_names_unit_range_and_choices():
+    specs = {name: spec for name, (_, spec) in settings_specs().items()}
+    rate = describe(specs["compass.max_yaw_rate"])
+    assert rate.description.endswith("[rad/s]")
+    assert (rate.floating_point_range[0].from_value, rate.read_only) == (0.01, False)
+    columns = describe(specs["compass.columns"])
+    assert (columns.integer_range[0].from_value, columns.integer_range[0].to_value) == (16, 8192)
+    assert "rows" in describe(specs["compass.method"]).additional_constraints
