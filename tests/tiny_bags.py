@@ -19,28 +19,34 @@ START_NS = 1_700_000_000_000_000_000
 
 @dataclasses.dataclass(frozen=True)
 class TinyDrive:
-    """A robot that stands, then turns left at a steady rate; images at 10 Hz, gyro at 100 Hz, tracks at 20 Hz."""
+    """A robot that stands for a second, then turns left; images at 10 Hz, gyro at 100 Hz, tracks at 20 Hz."""
 
     seconds: float = 3.0
     rate: float = 0.5
     gyro_bias: float = 0.01
     width: int = 256
 
+    def turn_rate(self, t: Any) -> Any:
+        """Reached within half a second, as a robot of some mass does it."""
+        return self.rate * np.clip((np.asarray(t) - 1.0) / 0.5, 0.0, 1.0)
+
     def yaw(self, t: Any) -> Any:
-        return self.rate * np.maximum(np.asarray(t) - 1.0, 0.0)
+        since = np.maximum(np.asarray(t) - 1.0, 0.0)
+        return self.rate * np.where(since < 0.5, since**2, since - 0.25)
 
     def times(self, hertz: float) -> np.ndarray:
         return np.arange(int(self.seconds * hertz) + 1) / hertz
 
     def panorama(self, t: float, seed: int = 5) -> np.ndarray:
-        """Smooth texture; a turn to the left moves the scene to the right, here by a Fourier shift."""
+        """Smooth texture with a camera's noise; a turn to the left moves the scene to the right by a Fourier shift."""
         noise = np.random.default_rng(seed).normal(size=(self.width // 2, self.width))
         spectrum = np.fft.fft2(noise)
         rows, columns = np.fft.fftfreq(self.width // 2), np.fft.fftfreq(self.width)
         spectrum *= np.exp(-((rows[:, None] ** 2 + columns[None, :] ** 2) / (2 * 0.05**2)))
         shift = float(self.yaw(t)) * self.width / math.tau
         scene = np.fft.ifft2(spectrum * np.exp(-2j * np.pi * columns[None, :] * shift)).real
-        return np.clip(128 + 50 * scene / scene.std(), 0, 255).astype(np.uint8)
+        grain = np.random.default_rng(round(t * 1e6)).normal(size=scene.shape)
+        return np.clip(np.rint(128 + 50 * scene / scene.std() + grain), 0, 255).astype(np.uint8)
 
 
 class TinyBag:
@@ -167,7 +173,7 @@ def fill(bag: TinyBag, drive: TinyDrive, *, images: str = "compressed", shuffle:
 
 def _write(bag: TinyBag, drive: TinyDrive, t: float, kind: str, images: str) -> None:
     t_ns = START_NS + round(t * 1e9)
-    rate = drive.rate if t > 1.0 else 0.0
+    rate = float(drive.turn_rate(t))
     if kind == "imu":
         bag.imu("/imu/data", t_ns, rate + drive.gyro_bias)
     elif kind == "odometry":

@@ -5,7 +5,8 @@ from __future__ import annotations
 import logging
 import signal
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TypeVar
 
@@ -64,26 +65,76 @@ def fuse(
     click.echo(f"results in {fused.folder}/, plot in {fused.folder / 'yaw.png'}")
 
 
+@cli.command()
+@click.argument("experiment", required=False)
+@click.option("--out", type=_PATH, metavar="BAG", help="Bag to write: name.mcap, or a name for a rosbag2 folder.")
+@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of noise, slip and world.")
+@click.option("--config", type=_PATH, metavar="YAML", help="Parameters in ROS form, for the topics' names.")
+def simulate(experiment: str | None, out: Path | None, seed: int, config: Path | None) -> None:
+    """Simulate EXPERIMENT and write it as a bag with ground truth; without EXPERIMENT, list them."""
+    from fusion.offline.demo import experiment_list, simulate_bag
+    from fusion.settings import load_settings
+
+    if experiment is None:
+        click.echo(experiment_list())
+        return
+    out = out or Path(f"{experiment}.mcap")
+    simulate_bag(experiment, seed, out, load_settings(config))
+    click.echo(f"{out}: {experiment}, seed {seed}")
+
+
+@cli.command()
+@click.option(
+    "--out", type=_PATH, metavar="DIR", default=Path("demo"), show_default=True, help="Folder for bag and results."
+)
+def demo(out: Path) -> None:
+    """Simulate a short drive, write it as a bag, fuse that bag and compare with the truth."""
+    from fusion.offline.demo import run_demo
+    from fusion.offline.summary import yaw_table
+    from fusion.settings import Settings
+
+    fused = run_demo(out, Settings())
+    click.echo(yaw_table(fused.summary))
+    click.echo(f"bag {out / 'demo.mcap'}, results in {fused.folder}/, plot {fused.folder / 'yaw.png'}")
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point of ``visual-compass``: the only place that prints errors and chooses the exit code."""
-    signal.signal(signal.SIGTERM, _terminate)
     try:
-        cli.main(arguments, prog_name="visual-compass", standalone_mode=False)
+        with _interruptible():
+            cli.main(arguments, prog_name="visual-compass", standalone_mode=False)
     except VisualCompassError as error:
         click.echo(f"visual-compass: {' '.join(str(error).split())}", err=True)
         return 1
     except click.ClickException as error:
         error.show()
         return error.exit_code
-    except (KeyboardInterrupt, click.Abort):
+    except _Interrupted as interrupted:
         click.echo("visual-compass: interrupted, nothing was written", err=True)
-        return 130
+        return 128 + interrupted.number
     return 0
 
 
-def _terminate(signum: int, frame: object) -> None:
-    """End as on Ctrl-C, so that temporary files go."""
-    raise KeyboardInterrupt
+class _Interrupted(BaseException):
+    """Ctrl-C or SIGTERM; not `KeyboardInterrupt`, after which the interpreter may end by the signal all the same."""
+
+    def __init__(self, number: int) -> None:
+        self.number = number
+
+
+@contextmanager
+def _interruptible() -> Iterator[None]:
+    """Let both signals unwind the stack, so that temporary files go."""
+
+    def interrupt(number: int, frame: object) -> None:
+        raise _Interrupted(number)
+
+    before = {number: signal.signal(number, interrupt) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 if __name__ == "__main__":

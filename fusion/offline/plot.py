@@ -117,13 +117,21 @@ def _differences(axis: Axes, run: FusedRun, clock: _Clock) -> None:
 
 
 def _deviations(axis: Axes, tracks: dict[str, YawTrack], clock: _Clock) -> None:
+    """Curves about zero; the view keeps to the good ones, a source far off leaves it."""
     axis.axhline(0.0, color="0.5", linewidth=0.8)
+    reach = {}
     for name, track in tracks.items():
-        t_ns, yaw = _thin(track.t_ns, track.yaw)
-        axis.plot(clock(t_ns), np.degrees(yaw), **_style(name))
+        t_ns, yaw = _thin(track.t_ns, np.degrees(track.yaw))
+        label = f"{name}: {yaw[-1]:+.2f} at the end"
+        axis.plot(clock(t_ns), yaw, **(_style(name) | {"label": label}))
+        reach[name] = float(np.max(np.abs(yaw)))
         if name == FUSED and track.sigma is not None:
             _, sigma = _thin(track.t_ns, np.degrees(2.0 * track.sigma))
             axis.fill_between(clock(t_ns), -sigma, sigma, **_band("fused, expected (95 %)"))
+            reach[name] = max(reach[name], float(sigma.max()))
+    good = max((reach[name] for name in (FUSED, COMPASS) if name in reach), default=math.inf)
+    limit = 1.1 * max(min(max(reach.values()), 4.0 * good), 1e-3)
+    axis.set_ylim(-limit, limit)
 
 
 def _confidence(axis: Axes, run: FusedRun, clock: _Clock) -> None:

@@ -138,7 +138,7 @@ class _Run:
             return
         self.pipeline.add(event)
         self._last_ns = event.t_ns
-        if not self.rows or event.t_ns - self.rows[-1].t_ns >= LONGEST_SILENCE_NS:
+        if not self.rows or event.t_ns - self.rows[-1].t_ns > LONGEST_SILENCE_NS:
             self._note(event.t_ns, None)
 
     def close(self) -> None:
@@ -158,4 +158,6 @@ class _Run:
         reports = {sensor: report for sensor, report in self.pipeline.fusion.reports().items() if report}
         news = {sensor: report for sensor, report in reports.items() if self._reported.get(sensor) != report.t_ns}
         self._reported.update({sensor: report.t_ns for sensor, report in news.items()})
+        if self.rows and self.rows[-1].t_ns == t_ns and self.rows[-1].compass is None:
+            news = self.rows.pop().gates | news
         self.rows.append(Row(t_ns, reading, self.pipeline.estimate(), news))

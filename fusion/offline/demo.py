@@ -1,0 +1,39 @@
+"""``visual-compass demo`` and ``simulate``: a simulated drive as a real bag, and that bag fused."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from fusion.offline.console import progress_bar
+from fusion.offline.fuse import Fused, fuse_bag
+from fusion.offline.simulated import record_drive
+from fusion.settings import Settings
+from fusion.simulation import EXPERIMENTS, simulate
+
+
+def simulate_bag(experiment: str, seed: int, out: Path, settings: Settings) -> None:
+    """Simulate an experiment and write it as a bag with ground truth in it.
+
+    Raises
+    ------
+    VisualCompassError
+        There is no such experiment, or `out` cannot be written.
+    """
+    drive = simulate(experiment, seed)
+    with progress_bar(f"rendering {experiment}") as progress:
+        drive.prepare(lambda done, count: progress(done / count))
+    with progress_bar(f"writing {out.name}") as progress:
+        record_drive(drive, out, settings, progress)
+
+
+def run_demo(folder: Path, settings: Settings) -> Fused:
+    """Simulate the demo drive into ``folder/demo.mcap`` and fuse that bag into ``folder/yaw``."""
+    bag = folder / "demo.mcap"
+    simulate_bag("demo", 0, bag, settings)
+    return fuse_bag(bag, folder / "yaw", settings)
+
+
+def experiment_list() -> str:
+    """Names and summaries of all experiments, one per line."""
+    width = max(map(len, EXPERIMENTS))
+    return "\n".join(f"{name.ljust(width)}  {one.summary}" for name, one in EXPERIMENTS.items())

@@ -1,0 +1,86 @@
+"""Simulated drives: written as bags like any robot's, or fused as they are."""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Iterator
+from operator import itemgetter
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fusion.offline.bag_writer import BagWriter
+from fusion.offline.recording import Frame, GyroTrack, OdometryTrack, Progress, TruthTrack
+from fusion.offline.topics import TRUTH_TOPIC
+from fusion.settings import Settings
+from fusion.simulation import Drive
+from fusion.vertical import ImuConfig, ImuLevel
+
+
+class SimulatedRecording:
+    """A `Drive` as a `Recording`: the very samples that its bag would hold, but for the JPEG."""
+
+    def __init__(self, drive: Drive, imu: ImuConfig) -> None:
+        self.drive = drive
+        level = ImuLevel(imu)
+        samples = [level.sample(r.t_ns, r.angular_velocity, r.linear_acceleration, r.orientation) for r in drive.imu]
+        self.gyro = GyroTrack(
+            np.array([sample.t_ns for sample in samples], np.int64), np.array([sample.yaw_rate for sample in samples])
+        )
+        rows = np.array([(r.yaw_rate, r.speed, r.yaw) for r in drive.odometry])
+        self.odometry = OdometryTrack(np.array([r.t_ns for r in drive.odometry], np.int64), *rows.T)
+        self.truth = TruthTrack(drive.truth.t_ns, drive.truth.yaw)
+
+    @property
+    def frame_count(self) -> int:
+        """Number of panoramas."""
+        return len(self.drive)
+
+    def frames(self) -> Iterator[Frame]:
+        """The panoramas as the camera gives them."""
+        for t_ns, image in self.drive.frames():
+            yield Frame(t_ns, image)
+
+
+def record_drive(drive: Drive, path: Path, settings: Settings, progress: Progress = lambda part: None) -> None:
+    """Write a drive as a bag, panoramas as JPEG, the truth as Odometry on ``/ground_truth/odom``."""
+    topics = settings.topics
+    frames = (topics.odom_frame, topics.base_frame)
+    truth = drive.truth
+    total = len(drive) + len(drive.imu) + len(drive.odometry) + truth.t_ns.size
+    with BagWriter(path) as bag:
+        for count, (t_ns, kind, what) in enumerate(_messages(drive)):
+            if kind == "image":
+                bag.write_jpeg(f"{topics.compass_image}/compressed", t_ns, what)
+            elif kind == "imu":
+                bag.write_imu(
+                    topics.gyro_topic, t_ns, what.angular_velocity, what.linear_acceleration, what.orientation
+                )
+            elif kind == "odometry":
+                place = (what.x, what.y, 0.0)
+                bag.write_odometry(
+                    topics.odometry_topic,
+                    t_ns,
+                    what.yaw,
+                    what.yaw_rate,
+                    position=place,
+                    speed=what.speed,
+                    frames=frames,
+                )
+            else:
+                place = (truth.x[what], truth.y[what], 0.0)
+                yaw, rate, speed = (float(values[what]) for values in (truth.yaw, truth.yaw_rate, truth.speed))
+                bag.write_odometry(TRUTH_TOPIC, t_ns, yaw, rate, position=place, speed=speed, frames=frames)
+            progress(count / total)
+
+
+def _messages(drive: Drive) -> Iterator[tuple[int, str, Any]]:
+    """Everything by stamp: when, what kind, and the reading (for the truth its place in the arrays)."""
+    return heapq.merge(
+        ((reading.t_ns, "imu", reading) for reading in drive.imu),
+        ((reading.t_ns, "odometry", reading) for reading in drive.odometry),
+        ((t_ns, "truth", index) for index, t_ns in enumerate(drive.truth.t_ns.tolist())),
+        ((t_ns, "image", jpeg) for t_ns, jpeg in drive.jpeg_frames()),
+        key=itemgetter(0),
+    )
