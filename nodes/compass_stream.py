@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import threading
 import time
-import traceback
 from collections.abc import Callable
 
 from nav_msgs.msg import Odometry
@@ -16,11 +15,10 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 from sensor_msgs.msg import CompressedImage, Image
 
 from compass import CompassStatus, VisualCompass, YawIncrement
-from compass.errors import VisualCompassError
 from fusion.compass_rate import CompassRate
 from fusion.messages import image_of, stamp_to_ns
 from fusion.settings import Settings
-from nodes.complaints import Complaints
+from nodes.complaints import Complaints, surviving
 from nodes.conversions import yaw_odometry
 from nodes.diagnostics import Finding, compass_figures, stream_finding
 from nodes.health import StreamHealth
@@ -69,10 +67,11 @@ class CompassStream:
         self._confidence = math.nan
         self.settings = settings
         self.health = StreamHealth()
-        self._worker: NewestWorker[ImageMessage] = NewestWorker(self._work, "images")
-        self._publisher = node.create_publisher(Odometry, topics.compass_output_topic, 10)
         compressed = topics.image_transport == "compressed"
         self.topic = topics.compass_image + ("/compressed" if compressed else "")
+        work = surviving(node, self.topic, complain, self._work)
+        self._worker: NewestWorker[ImageMessage] = NewestWorker(work, "images")
+        self._publisher = node.create_publisher(Odometry, topics.compass_output_topic, 10)
         node.create_subscription(
             CompressedImage if compressed else Image,
             self.topic,
@@ -112,16 +111,8 @@ class CompassStream:
         self._worker.offer(message)
 
     def _work(self, message: ImageMessage) -> None:
-        """Everything one image needs; nothing a message carries may end the thread."""
-        try:
-            with self._busy:
-                self._serve(message)
-        except VisualCompassError as error:
-            self._complain(self.topic, error)
-        except Exception as error:
-            if self._node.context.ok():  # else the publisher's context ended: the node is about to
-                self._node.get_logger().debug(traceback.format_exc())
-                self._complain(self.topic, f"unexpected {error!r}")
+        with self._busy:
+            self._serve(message)
 
     def _serve(self, message: ImageMessage) -> None:
         compass = self._compass

@@ -5,8 +5,16 @@ from __future__ import annotations
 import re
 import threading
 import time
+import traceback
 from collections import Counter
 from collections.abc import Callable
+from typing import TypeVar
+
+from rclpy.node import Node
+
+from compass.errors import VisualCompassError
+
+Message = TypeVar("Message")
 
 REPEAT_S = 30.0  # a fault that lasts is said again after this long
 _LONGEST = 400  # characters of a line
@@ -55,3 +63,21 @@ class Complaints:
         """Counts of the stream `where`, for the diagnostics."""
         with self._lock:
             return {f"fault: {kind}": str(n) for kind, n in self.counts.items() if kind.startswith(f"{where}: ")}
+
+
+def surviving(
+    node: Node, topic: str, complain: Complaints, receive: Callable[[Message], object]
+) -> Callable[[Message], None]:
+    """`receive`, such that nothing a message carries can end the node or the thread: it is a complaint instead."""
+
+    def survive(message: Message) -> None:
+        try:
+            receive(message)
+        except VisualCompassError as error:
+            complain(topic, error)
+        except Exception as error:
+            if node.context.ok():  # else a publisher lost its context: the node is about to end
+                node.get_logger().debug(traceback.format_exc())
+                complain(topic, f"unexpected {error!r}")
+
+    return survive

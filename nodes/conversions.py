@@ -14,6 +14,7 @@ from fusion import YawEstimate
 from fusion.messages import MessageError, yaw_of
 
 UNMEASURED = 1e6  # variance of an axis nobody measured: large, yet finite, so that a filter can invert it
+_CERTAIN = 1e-9  # rad^2; a pose set "exactly", with variance 0, still leaves the filter something to invert
 YAW = 35  # place of the yaw's variance in a row-major 6x6 covariance
 
 
@@ -36,7 +37,7 @@ def pose_yaw(message: PoseWithCovarianceStamped) -> tuple[float, float]:
         raise MessageError("set_pose: the orientation is no unit quaternion")
     if not 0.0 <= variance < math.inf:
         raise MessageError(f"set_pose: variance of yaw is {variance:g}; give 0 or more")
-    return yaw, variance
+    return yaw, max(variance, _CERTAIN)
 
 
 def yaw_odometry(

@@ -17,14 +17,13 @@ from sensor_msgs.msg import Imu
 from std_srvs.srv import Empty
 
 from compass import YawIncrement
-from compass.errors import VisualCompassError
 from fusion import GyroSample, OdometrySample, Sensor, Verdict, YawPipeline
 from fusion.events import fault_of
 from fusion.messages import gyro_sample, odometry_sample
 from fusion.settings import Settings
 from fusion.vertical import ImuLevel
 from nodes.compass_stream import CompassStream
-from nodes.complaints import Complaints
+from nodes.complaints import Complaints, surviving
 from nodes.conversions import fused_odometry, pose_yaw
 from nodes.diagnostics import Diagnostics, Finding, count_figures, fusion_finding, gate_figures, stream_finding
 from nodes.health import StreamHealth
@@ -59,7 +58,8 @@ class FusionNode(Node):
         self._health[Sensor.COMPASS] = self._stream.health
         parameters.on_change(self._apply)
         self.create_service(Empty, "~/reset", self._on_reset)
-        self.create_subscription(PoseWithCovarianceStamped, "set_pose", self._on_set_pose, 10)
+        set_pose = surviving(self, "set_pose", self._complaints, self._on_set_pose)
+        self.create_subscription(PoseWithCovarianceStamped, "set_pose", set_pose, 10)
         self._jumps = on_jump_back(self, self._reset)
         self._diagnostics = Diagnostics(
             self,
@@ -77,16 +77,13 @@ class FusionNode(Node):
 
         def receive(message: Any) -> None:
             health.receive(time.monotonic())
-            try:
-                sample = convert(message)
-            except VisualCompassError as error:
-                self._complaints(topic, error)
-                return
+            sample = convert(message)
             if self._fuse(sample, sensor):
                 health.use(time.monotonic(), sample.t_ns)
 
         options = QoSOverridingOptions.with_default_policies()
-        self.create_subscription(kind, topic, receive, qos_profile_sensor_data, qos_overriding_options=options)
+        callback = surviving(self, topic, self._complaints, receive)
+        self.create_subscription(kind, topic, callback, qos_profile_sensor_data, qos_overriding_options=options)
 
     def _fuse_increment(self, increment: YawIncrement) -> None:
         self._fuse(increment, Sensor.COMPASS)
@@ -131,11 +128,7 @@ class FusionNode(Node):
         return response
 
     def _on_set_pose(self, message: PoseWithCovarianceStamped) -> None:
-        try:
-            yaw, variance = pose_yaw(message)
-        except VisualCompassError as error:
-            self._complaints("set_pose", error)
-            return
+        yaw, variance = pose_yaw(message)
         with self._lock:
             self._pipeline.fusion.set_yaw(yaw, variance)
 

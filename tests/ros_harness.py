@@ -145,14 +145,14 @@ def wait_for(true: Callable[[], Any], what: str, patience: float = PATIENCE_S) -
         time.sleep(0.01)
 
 
-def send_until(send: Callable[[], Any], true: Callable[[], Any], what: str) -> None:
+def send_until(send: Callable[[], Any], true: Callable[[], Any], what: str, pause: float = 1.0) -> None:
     """Send again and again until a condition holds: the first messages of a best-effort topic may be lost."""
     end = time.monotonic() + PATIENCE_S
     while not true():
         assert time.monotonic() < end, f"sent for {PATIENCE_S:g} s and waited for {what}"
         send()
-        pause = time.monotonic() + 1.0
-        while not true() and time.monotonic() < pause:
+        again = time.monotonic() + pause
+        while not true() and time.monotonic() < again:
             time.sleep(0.005)
 
 

@@ -116,15 +116,15 @@ def test_parameter_file_of_the_command_line_is_read(robot, tmp_path):
     file = tmp_path / "parameters.yaml"
     file.write_text(
         "/**:\n  ros__parameters:\n    fused_output_topic: /yaw\n    compass: {method: rows, min_confidence: 0}\n"
-        "    qos_overrides: {/imu/data: {subscription: {reliability: reliable}}}\n"
+        "    gyro_topic: /imu\n    qos_overrides: {/imu: {subscription: {reliability: reliable}}}\n"
     )
     with started("nodes.fusion_node", tmp_path / "log", ["--params-file", str(file)]):
         fused = robot.listen(Odometry, "/yaw")
-        gyro = robot.connect(Imu, "/imu/data", 10)
+        gyro = robot.connect(Imu, "/imu", 10)
         robot.wait_publisher("/yaw")
         send_until(lambda: gyro(imu_message(START_NS, 0.1)), lambda: fused, "the fused yaw")
         assert stamp_of(fused[0]) == START_NS
-        subscription = robot.node.get_subscriptions_info_by_topic("/imu/data")[0]
+        subscription = robot.node.get_subscriptions_info_by_topic("/imu")[0]
         assert subscription.qos_profile.reliability.name == "RELIABLE"
 
 

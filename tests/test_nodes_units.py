@@ -77,6 +77,7 @@ def pose(w=1.0, z=0.0, variance=0.01):
 def test_set_pose_is_read():
     yaw, variance = pose_yaw(pose(math.cos(0.4), math.sin(0.4), 0.02))
     assert (yaw, variance) == (pytest.approx(0.8), 0.02)
+    assert 0.0 < pose_yaw(pose(variance=0.0))[1] < 1e-6
 
 
 @pytest.mark.parametrize("bad", [pose(w=0.0), pose(w=math.nan), pose(variance=-1.0), pose(variance=math.nan)])
