@@ -242,7 +242,7 @@ def test_unknown_errors_keep_their_traceback(tiny_bag, tmp_path, monkeypatch):
 def test_fuse_interrupted_leaves_nothing(tmp_path, number):
     """The bag is long enough to be caught in the act: the signal comes once the staging folder is there."""
     with TinyBag(tmp_path / "long") as bag:
-        fill(bag, TinyDrive(seconds=60.0))
+        fill(bag, TinyDrive(seconds=20.0))
     place = tmp_path / "place"
     place.mkdir()
     command = [sys.executable, "-m", "fusion.offline.cli", "fuse", str(tmp_path / "long"), "--out", str(place / "out")]

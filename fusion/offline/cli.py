@@ -66,6 +66,20 @@ def fuse(
 
 
 @cli.command()
+@click.argument("bag", type=_PATH)
+@click.option("--roi-preview", type=_PATH, metavar="PNG", help="Draw the region of interest over a frame.")
+@click.option("--config", type=_PATH, metavar="YAML", help="Parameters in ROS form, for the region of interest.")
+@click.option("--image-topic", "image", metavar="T", help="Panoramas to preview.")
+def inspect(bag: Path, roi_preview: Path | None, config: Path | None, image: str | None) -> None:
+    """Show topics, rates, gaps and faulty stamps of BAG, its image size, and what 'fuse' would take."""
+    from fusion.offline.inspect import inspect_bag
+    from fusion.offline.topics import TopicRequest
+    from fusion.settings import load_settings
+
+    click.echo(inspect_bag(bag, load_settings(config), TopicRequest(image=image), roi_preview))
+
+
+@cli.command()
 @click.argument("experiment", required=False)
 @click.option("--out", type=_PATH, metavar="BAG", help="Bag to write: name.mcap, or a name for a rosbag2 folder.")
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of noise, slip and world.")

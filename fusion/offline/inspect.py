@@ -1,0 +1,180 @@
+"""``visual-compass inspect``: what is in a bag, what is wrong with it, and what the compass would look at."""
+
+from __future__ import annotations
+
+from array import array
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from compass import CompassConfig, ImageError
+from compass.image import Image, to_grey
+from fusion.messages import image_of
+from fusion.offline.bag import COMPRESSED_IMAGE, IMAGE, Bag, BagError, Topic
+from fusion.offline.console import progress_bar, table
+from fusion.offline.recording import Floats, Times
+from fusion.offline.staging import staged_file
+from fusion.offline.topics import TopicRequest, choose_topics
+from fusion.settings import Settings
+
+
+@dataclass(frozen=True, slots=True)
+class Timing:
+    """How the messages of a topic follow each other by ``header.stamp``.
+
+    Attributes
+    ----------
+    rate_hz : float
+        From the median step; NaN below two messages.
+    longest_gap_s : float
+        Longest silence, s.
+    backward, repeated, zero : int
+        Stamps smaller than the one recorded before, equal to it, and never set.
+    delay_s : float
+        Median of record time minus stamp, s.
+    """
+
+    rate_hz: float
+    longest_gap_s: float
+    backward: int
+    repeated: int
+    zero: int
+    delay_s: float
+
+
+def timing(stamps: Times, recorded: Times) -> Timing:
+    """Judge the stamps of a topic, in the order of recording."""
+    zero = int(np.count_nonzero(stamps <= 0))
+    stamps, recorded = stamps[stamps > 0], recorded[stamps > 0]
+    steps: Floats = np.diff(np.sort(stamps)).astype(np.float64) * 1e-9
+    return Timing(
+        float(1.0 / np.median(steps)) if steps.size and np.median(steps) > 0.0 else float("nan"),
+        float(steps.max()) if steps.size else float("nan"),
+        int(np.count_nonzero(np.diff(stamps) < 0)),
+        int(np.count_nonzero(np.diff(stamps) == 0)),
+        zero,
+        float(np.median(recorded - stamps) * 1e-9) if stamps.size else float("nan"),
+    )
+
+
+def inspect_bag(
+    path: Path, settings: Settings, request: TopicRequest | None = None, roi_preview: Path | None = None
+) -> str:
+    """Describe a bag in a table and, for `roi_preview`, draw the region of interest over its first frame.
+
+    Raises
+    ------
+    BagError
+        The bag cannot be read, or a preview is asked for and there is no usable image.
+    """
+    with Bag(path) as bag:
+        timings = _timings(bag)
+        lines = [table(_HEADER, [_line(topic, timings.get(topic.name)) for topic in bag.topics], 2)]
+        lines += ["", *_images(bag), *_roles(bag, settings, request)]
+        if roi_preview is not None:
+            topic = choose_topics(bag, settings.topics, request).image
+            if topic is None:
+                raise BagError(f"{path}: no panoramas in it; --roi-preview needs a topic of images")
+            picture = draw_region(_first_image(bag, topic)[0], settings.compass)
+            with staged_file(roi_preview) as staged:
+                staged.write_bytes(cv2.imencode(".png", picture)[1].tobytes())
+            lines.append(f"region of interest drawn in {roi_preview}")
+    return "\n".join(lines)
+
+
+_HEADER = ("topic", "type", "count", "Hz", "longest gap s", "backward", "repeated", "zero stamps", "delay s")
+
+
+def _line(topic: Topic, found: Timing | None) -> list[str]:
+    if found is None:
+        return [topic.name, topic.short_type, str(topic.count), *[""] * 6]
+    counts = [str(count) if count else "" for count in (found.backward, found.repeated, found.zero)]
+    return [
+        *(topic.name, topic.short_type, str(topic.count)),
+        *(_number(found.rate_hz, 1), _number(found.longest_gap_s, 3), *counts, _number(found.delay_s, 3)),
+    ]
+
+
+def _number(value: float, digits: int) -> str:
+    return f"{value:.{digits}f}" if np.isfinite(value) else ""
+
+
+def _timings(bag: Bag) -> dict[str, Timing]:
+    """Timing of every topic whose messages are stamped."""
+    stamps = {topic.name: (array("q"), array("q")) for topic in bag.topics if bag.has_header(topic.msgtype)}
+    total = sum(topic.count for topic in bag.topics) or 1
+    with progress_bar("reading stamps") as progress:
+        for count, message in enumerate(bag.messages(*stamps)):
+            stamps[message.topic][0].append(message.stamp_ns)
+            stamps[message.topic][1].append(message.record_ns)
+            if count % 500 == 0:
+                progress(count / total)
+    return {
+        name: timing(np.frombuffer(stamp, np.int64), np.frombuffer(record, np.int64))
+        for name, (stamp, record) in stamps.items()
+        if len(stamp)
+    }
+
+
+def _images(bag: Bag) -> list[str]:
+    """Size of the first image of each topic of images, with what a panorama should be."""
+    lines = []
+    for topic in bag.topics:
+        if topic.msgtype in (IMAGE, COMPRESSED_IMAGE) and topic.count:
+            try:
+                image, encoding = _first_image(bag, topic)
+            except BagError as error:
+                lines.append(str(error))
+                continue
+            height, width = image.shape[:2]
+            remark = "" if width >= 2 * height - 2 else "; not as wide as a full circle usually is, 2:1 or more"
+            lines.append(f"{topic.name}: {width} x {height} {encoding or 'compressed'}{remark}")
+    return lines
+
+
+def _first_image(bag: Bag, topic: Topic) -> tuple[Image, str]:
+    """Pixels and encoding of the first image that can be used."""
+    fault = ""
+    for message in bag.messages(topic.name):
+        try:
+            return image_of(bag.deserialize(message), 0)
+        except ImageError as error:
+            fault = fault or str(error)
+    raise BagError(f"{bag.path}: {topic.name}: no usable image: {fault}")
+
+
+def _roles(bag: Bag, settings: Settings, request: TopicRequest | None) -> list[str]:
+    """What `fuse` would take."""
+    try:
+        choice = choose_topics(bag, settings.topics, request)
+    except BagError as error:
+        return [f"fuse would stop: {error}"]
+    roles = (("panoramas", choice.image), ("gyro", choice.gyro), ("tracks", choice.odometry), ("truth", choice.truth))
+    return ["fuse would take " + ", ".join(f"{role}: {topic.name if topic else 'none'}" for role, topic in roles)]
+
+
+def draw_region(image: Image, config: CompassConfig) -> Image:
+    """Draw the region of interest (bright) and the forward column (line) over an image, (H, W, 3) uint8."""
+    grey = to_grey(image)
+    grey = grey if grey.dtype == np.uint8 else (grey >> 8).astype(np.uint8)
+    height, width = grey.shape
+    top, bottom = round(config.roi_top * height), round(config.roi_bottom * height)
+    picture = cv2.cvtColor(grey // 3, cv2.COLOR_GRAY2BGR)
+    picture[top:bottom] = grey[top:bottom, :, None]
+    thick, size = max(1, height // 300), height / 700
+    orange, blue = (0, 94, 213), (178, 114, 0)
+    for row in (top, bottom):
+        cv2.line(picture, (0, row), (width, row), orange, thick)
+    ahead = round(config.forward_column * width) % width
+    cv2.line(picture, (ahead, 0), (ahead, height), blue, thick)
+    words = (("forward", ahead, blue), ("right", ahead + width // 4, blue), ("left", ahead - width // 4, blue))
+    for word, column, colour in words:
+        place = (column % width + 4 * thick, height - 8 * thick)
+        cv2.putText(picture, word, place, cv2.FONT_HERSHEY_SIMPLEX, size, colour, thick, cv2.LINE_AA)
+    text = f"roi_top {config.roi_top:g}, roi_bottom {config.roi_bottom:g}"
+    cv2.putText(
+        picture, text, (4 * thick, max(top - 6 * thick, 20)), cv2.FONT_HERSHEY_SIMPLEX, size, orange, thick, cv2.LINE_AA
+    )
+    return picture
