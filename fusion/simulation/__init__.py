@@ -4,11 +4,12 @@
 Rendering is the slow part; the clean frames of an experiment are cached, and what a seed varies is applied to them.
 """
 
-from fusion.simulation.camera import CameraPose, PanoramaCamera
+from fusion.simulation.camera import PanoramaCamera
 from fusion.simulation.drive import Drive, Truth, simulate
 from fusion.simulation.effects import Effects
 from fusion.simulation.experiments import EXPERIMENTS, Experiment, SimulationError
 from fusion.simulation.imu import ImuModel, ImuReading
+from fusion.simulation.painter import CameraPose
 from fusion.simulation.robot import OdometryReading, Surface
 
 __all__ = [

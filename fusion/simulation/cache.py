@@ -26,9 +26,10 @@ Progress = Callable[[int, int], None]
 
 log = logging.getLogger(__name__)
 
-_RENDERING = (
-    "body", "builder", "camera", "experiments", "fittings", "materials", "places", "surfaces", "trajectory", "world",
-)  # fmt: skip
+# For smooth images run lengths after prediction are smaller and faster than a search for repeats.
+_PNG = (cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE)
+_RENDERS: tuple[str, ...] = ("body", "builder", "camera", "fittings", "materials", "painter")
+_RENDERS += ("places", "raster", "rendering", "surfaces", "world")
 
 
 class Frames(Protocol):
@@ -55,7 +56,7 @@ def cache_directory() -> Path:
 def code_version() -> str:
     """Digest of the code that renders: frames of other code are never taken from the cache."""
     digest = hashlib.sha256()
-    for name in _RENDERING:
+    for name in _RENDERS:
         digest.update((Path(__file__).parent / f"{name}.py").read_bytes())
     return digest.hexdigest()
 
@@ -140,7 +141,7 @@ def _rendered(count: int, render: Callable[[int], Frame], workers: int, progress
     """PNG files of all frames in order, rendered by threads (numpy and OpenCV let go of the interpreter's lock)."""
 
     def make(index: int) -> bytes:
-        return bytes(cv2.imencode(".png", render(index), [cv2.IMWRITE_PNG_COMPRESSION, 1])[1])
+        return bytes(cv2.imencode(".png", render(index), _PNG)[1])
 
     with ThreadPoolExecutor(max_workers=max(1, workers)) as pool:
         for done, image in enumerate(pool.map(make, range(count)), start=1):

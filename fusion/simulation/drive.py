@@ -160,7 +160,8 @@ def simulate(
         def start() -> Callable[[int], Frame]:
             return renderer.start(lambda: experiment.world(variant))
 
-        return cached_frames(f"{name}-{variant}", renderer.key(), times.size, start, cache, workers, progress)
+        key = experiment.place.__name__.encode() + renderer.key()
+        return cached_frames(f"{name}-{variant}", key, times.size, start, cache, workers, progress)
 
     fine = np.union1d(np.arange(0.0, experiment.trajectory.duration, 1.0 / TRUTH_HZ), times)
     return Drive(

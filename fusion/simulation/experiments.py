@@ -112,7 +112,6 @@ _TABLE = (
             wander=0.03,
         ),
         mixed=True,
-        frame_hz=12.0,
     ),
 )
 

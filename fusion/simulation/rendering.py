@@ -10,7 +10,8 @@ import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
 from fusion.simulation.body import robot_body
-from fusion.simulation.camera import CameraPose, PanoramaCamera
+from fusion.simulation.camera import PanoramaCamera
+from fusion.simulation.painter import CameraPose
 from fusion.simulation.trajectory import Motion
 from fusion.simulation.world import World
 
@@ -49,7 +50,7 @@ class Renderer:
     rolled: bool = False
 
     def key(self) -> bytes:
-        """What the frames depend on, beside the world and the code."""
+        """What the frames depend on, beside the world and the code that renders."""
         return repr((self.camera, self.poses, self.times, self.rolled)).encode()
 
     def start(self, make_world: Callable[[], World]) -> Callable[[int], Frame]:

@@ -131,26 +131,19 @@ class Ground:
         return np.asarray(np.clip(np.log2(np.maximum(texels, 1.0)), 0.0, self.top_level), np.float64)
 
     def sample(self, x: Array, y: Array, level: Levels) -> Array:
-        """Grey at points (`x`, `y`) m, both of shape (columns, rows), with one level per row."""
-        low = level.astype(np.intp)
-        grey = np.empty_like(x)
-        for value in np.unique(low):
-            rows = np.flatnonzero(low == value)
-            part = slice(rows[0], rows[-1] + 1)  # distance grows with the row, so a level's rows are neighbours
-            mix = (level[part] - value).astype(np.float32)
-            coarse = self._fetch(x[:, part], y[:, part], value)
-            finer = self._fetch(x[:, part], y[:, part], min(value + 1, self.top_level))
-            grey[:, part] = coarse + mix * (finer - coarse)
-        return grey
+        """Grey at points (`x`, `y`) m, both of shape (columns, rows), with one level per row.
 
-    def _fetch(self, x: Array, y: Array, level: int) -> Array:
-        scale = np.float32(self.per_metre * 0.5**level)
-        return np.asarray(
-            cv2.remap(
-                self._levels[level], x * scale - 0.5, y * scale - 0.5, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP
-            ),
-            np.float32,
-        )
+        A row keeps its level as long as the camera keeps its height, so the nearest level serves: no jumps in time.
+        """
+        nearest = np.rint(level).astype(np.intp)
+        grey = np.empty_like(x)
+        changes = np.flatnonzero(np.diff(nearest)) + 1
+        for start, end in zip([0, *changes], [*changes, nearest.size], strict=True):
+            value = nearest[start]
+            scale = np.float32(self.per_metre * 0.5**value)
+            u, v = x[:, start:end] * scale - np.float32(0.5), y[:, start:end] * scale - np.float32(0.5)
+            grey[:, start:end] = cv2.remap(self._levels[value], u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
+        return grey
 
 
 class Sky:

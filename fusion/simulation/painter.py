@@ -1,0 +1,196 @@
+"""Paints a world onto a raster of rays from far to near, for a camera held level."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fusion.simulation.raster import STEEPEST, Raster
+from fusion.simulation.surfaces import Array, Ground
+from fusion.simulation.world import Floats, Hits, Solid, World, far_to_near
+
+_CHUNK = 128  # columns painted at a time: a block of them stays in the processor's cache
+
+
+@dataclass(frozen=True, slots=True)
+class CameraPose:
+    """Where the camera is and how it is held: x, y, z in m; yaw, pitch, roll in rad (REP-103, applied roll first)."""
+
+    x: float
+    y: float
+    z: float
+    yaw: float
+    pitch: float = 0.0
+    roll: float = 0.0
+
+
+class _Canvas:
+    """What has been painted so far, stored by columns, and the rays through its pixels."""
+
+    def __init__(self, raster: Raster, pose: CameraPose) -> None:
+        self.pose = pose
+        self.elevation = raster.elevation
+        edges = raster.edge_tangent
+        self.upper, self.lower = edges[:-1].astype(np.float32), edges[1:].astype(np.float32)
+        self.per_row = 1.0 / np.maximum(self.upper - self.lower, np.float32(1e-6))
+        self.falling = -edges
+        self.tangent = np.tan(np.clip(self.elevation, -STEEPEST, STEEPEST)).astype(np.float32)
+        self.step, self.columns = raster.step, raster.columns
+        self.azimuth = pose.yaw + np.pi - (np.arange(self.columns) + 0.5) * self.step
+        self.grey = np.zeros((self.columns, self.tangent.size), np.float32)
+
+    def rows_between(self, low: float, high: float) -> slice:
+        """Rows that the tangents `low`..`high` touch."""
+        first = int(np.searchsorted(self.falling, -high, side="right")) - 1
+        last = int(np.searchsorted(self.falling, -low, side="left"))
+        return slice(max(first, 0), min(max(last, 0), self.tangent.size))
+
+    def cover(self, columns: slice, rows: slice, low: Floats, high: Floats, alpha: Floats) -> Array:
+        """Covered share of each pixel of a block by what lies between the tangents `low`..`high` in each column."""
+        share = np.minimum(self.upper[rows], high.astype(np.float32)[:, None])
+        share -= np.maximum(self.lower[rows], low.astype(np.float32)[:, None])
+        share *= self.per_row[rows]
+        np.clip(share, 0.0, 1.0, out=share)
+        if alpha.min() < 1.0:
+            share *= alpha.astype(np.float32)[:, None]
+        return share
+
+    def blend(self, columns: slice, rows: slice, grey: Array, share: Array) -> None:
+        """Lay `grey` over the block with weight `share`."""
+        block = self.grey[columns, rows]
+        grey -= block
+        grey *= share
+        block += grey
+
+    def level_surface(self, columns: slice, rows: slice, ground: Ground, height: float) -> Array:
+        """Grey of the horizontal plane at `height` m through the block's pixels."""
+        tangent = self.tangent[rows]
+        above = height - self.pose.z
+        sign = 1.0 if above > 0 else -1.0
+        distance = np.abs(above) / np.maximum(sign * tangent, 1e-4)
+        across = distance * self.step
+        along = np.abs(above) * np.abs(
+            1.0 / np.maximum(sign * self.lower[rows], 1e-4) - 1.0 / np.maximum(sign * self.upper[rows], 1e-4)
+        )
+        # A plane seen at a grazing angle is a long narrow footprint; a third of its length keeps the detail across.
+        level = ground.level(np.maximum(across, along / 3.0))
+        cos, sin = np.cos(self.azimuth[columns]), np.sin(self.azimuth[columns])
+        x = np.float32(self.pose.x) + cos.astype(np.float32)[:, None] * distance.astype(np.float32)
+        y = np.float32(self.pose.y) + sin.astype(np.float32)[:, None] * distance.astype(np.float32)
+        return ground.sample(x, y, level.astype(np.float64))
+
+
+@dataclass(frozen=True, eq=False)
+class _Sight:
+    """A solid as the camera sees it: its columns (unwrapped, may pass the seam), their coverage and hits."""
+
+    solid: Solid
+    first: int
+    alpha: Floats
+    hits: Hits
+
+
+def paint(world: World, pose: CameraPose, t: float, raster: Raster) -> Array:
+    """Paint the world at time `t` s as seen from `pose`, held level; float32 (columns, rows) of the raster."""
+    canvas = _Canvas(raster, pose)
+    sights = [_see(solid, canvas) for solid in far_to_near(world.at(t), pose.x, pose.y, pose.z)]
+    _paint_background(world, canvas, sights)
+    for sight in sights:
+        if sight.solid.hull:
+            _paint_ends(canvas, sight)
+    for sight in sights:
+        _paint_solid(canvas, sight)
+    return canvas.grey
+
+
+def _paint_ends(canvas: _Canvas, sight: _Sight) -> None:
+    """Paint the outermost columns of an outer wall whole, so that nothing shines through where two walls meet."""
+    for index in (0, sight.alpha.size - 1):
+        hits = sight.hits
+        part = slice(index, index + 1)
+        end = Hits(hits.near[part], hits.far[part], hits.u[part], hits.facing[part])
+        _paint_solid(canvas, _Sight(sight.solid, sight.first + index, np.ones(1), end))
+
+
+def _see(solid: Solid, canvas: _Canvas) -> _Sight:
+    """Find the columns that show `solid`; the outermost get the share that it covers."""
+    start, end = solid.span(canvas.pose.x, canvas.pose.y)
+    # Columns run clockwise: the larger azimuth comes first.
+    left = (canvas.pose.yaw + np.pi - end) / canvas.step
+    right = (canvas.pose.yaw + np.pi - start) / canvas.step
+    first = int(np.floor(left))
+    index = np.arange(first, max(int(np.ceil(right)), first + 1))
+    alpha = np.clip(np.minimum(index + 1.0, right) - np.maximum(index, left), 0.0, 1.0)
+    azimuth = canvas.pose.yaw + np.pi - (index + 0.5) * canvas.step
+    inset = min(1e-6, (end - start) / 4.0)
+    hits = solid.hits(canvas.pose.x, canvas.pose.y, np.clip(azimuth, start + inset, end - inset))
+    return _Sight(solid, first, alpha, hits)
+
+
+def _chunks(first: int, count: int, columns: int) -> list[tuple[slice, slice]]:
+    """Split unwrapped columns into (slice of the canvas, slice of the sight) pairs that never cross the seam."""
+    parts = []
+    done = 0
+    while done < count:
+        start = (first + done) % columns
+        size = min(_CHUNK, count - done, columns - start)
+        parts.append((slice(start, start + size), slice(done, done + size)))
+        done += size
+    return parts
+
+
+def _paint_solid(canvas: _Canvas, sight: _Sight) -> None:
+    """Paint top or bottom first, then the side over it."""
+    solid, pose = sight.solid, canvas.pose
+    for columns, part in _chunks(sight.first, sight.alpha.size, canvas.columns):
+        near, far, alpha = sight.hits.near[part], sight.hits.far[part], sight.alpha[part]
+        above, below = solid.high[2] - pose.z, solid.low[2] - pose.z
+        if solid.cap is not None and (above < 0 or below > 0):
+            height = above if above < 0 else below
+            close, distant = height / near, height / far
+            _paint_cap(
+                canvas, columns, np.minimum(close, distant), np.maximum(close, distant), alpha, solid.cap, height
+            )
+        low, high = below / near, above / near
+        rows = canvas.rows_between(float(low.min()), float(high.max()))
+        if rows.stop <= rows.start:
+            continue
+        pixel = near * canvas.step
+        level = solid.skin.level(pixel / np.maximum(sight.hits.facing[part], 1e-3), pixel)
+        grey = solid.skin.sample(sight.hits.u[part], np.full(near.shape, above), -near, canvas.tangent[rows], level)
+        canvas.blend(columns, rows, grey, canvas.cover(columns, rows, low, high, alpha))
+
+
+def _paint_cap(
+    canvas: _Canvas, columns: slice, low: Floats, high: Floats, alpha: Floats, cap: Ground, height: float
+) -> None:
+    """Paint the top of something lower than the camera, or the bottom of something higher."""
+    rows = canvas.rows_between(float(low.min()), float(high.max()))
+    if rows.stop > rows.start:
+        grey = canvas.level_surface(columns, rows, cap, height + canvas.pose.z)
+        # One row more on the near side, under the edge of the side that is painted next.
+        spare = 1.0 / canvas.per_row[rows].min()
+        low, high = (low - spare, high) if height < 0 else (low, high + spare)
+        canvas.blend(columns, rows, grey, canvas.cover(columns, rows, low, high, alpha))
+
+
+def _paint_background(world: World, canvas: _Canvas, sights: list[_Sight]) -> None:
+    """Paint sky or ceiling and floor, leaving out what walls that reach them hide."""
+    floor, roof = np.zeros(canvas.columns), np.zeros(canvas.columns)
+    for sight in sights:
+        index = np.arange(sight.first, sight.first + sight.alpha.size) % canvas.columns
+        near = np.where(sight.alpha < 1.0, np.inf, sight.hits.near)
+        if sight.solid.low[2] <= 0.0 and sight.solid.high[2] > canvas.pose.z:
+            floor[index] = np.minimum(floor[index], -canvas.pose.z / near)
+        if world.ceiling is not None and sight.solid.high[2] >= world.ceiling_height - 1e-6:
+            roof[index] = np.maximum(roof[index], (world.ceiling_height - canvas.pose.z) / near)
+    for columns, _ in _chunks(0, canvas.columns, canvas.columns):
+        if world.sky is not None:
+            rows = canvas.rows_between(-0.02, np.inf)
+            canvas.grey[columns, rows] = world.sky.sample(canvas.azimuth[columns], canvas.elevation[rows])
+        if world.ceiling is not None:
+            rows = canvas.rows_between(max(float(roof[columns].min()), 1e-3), np.inf)
+            canvas.grey[columns, rows] = canvas.level_surface(columns, rows, world.ceiling, world.ceiling_height)
+        rows = canvas.rows_between(-np.inf, min(float(floor[columns].max()), -1e-3))
+        canvas.grey[columns, rows] = canvas.level_surface(columns, rows, world.floor, 0.0)
