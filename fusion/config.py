@@ -54,7 +54,7 @@ class FusionConfig(ParameterSet):
     )
     slip_time: float = parameter(0.5, "how long such straying lasts", unit="s", low=1e-3, high=1e3)
     initial_scale: float = parameter(1.0, "turn rate claimed by the tracks over the true one", low=0.05, high=20.0)
-    initial_scale_sigma: float = parameter(0.2, "its standard deviation at the start", low=1e-6, high=10.0)
+    initial_scale_sigma: float = parameter(0.1, "its standard deviation at the start", low=1e-6, high=10.0)
     scale_walk: float = parameter(
         0.002, "wander of the track scale: its standard deviation after one second", unit="1/sqrt(s)",
         low=0.0, high=10.0,

@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -51,11 +50,18 @@ class Measurement:
         Jacobian of the expected value, shape (1, DIM).
     R : float
         Variance of the measurement's noise.
+    H_after : numpy.ndarray or None
+        Jacobian at the updated state where it differs: the gain comes from `H`, the covariance that this gain leaves
+        behind from `H_after`.
+    consider : tuple of State
+        States that keep value and variance, only their correlations change (Schmidt-Kalman filter).
     """
 
     innovation: float
     H: Array
     R: float
+    H_after: Array | None = None
+    consider: tuple[State, ...] = ()
 
 
 class YawEkf(ExtendedKalmanFilter):
@@ -93,19 +99,23 @@ class YawEkf(ExtendedKalmanFilter):
         """Transition F and process noise Q over `dt` seconds.
 
         The turn rate walks randomly, the yaw is its integral; once the rate's variance would exceed that of a robot
-        nobody measures, it relaxes to zero instead. Bias and scale walk, slip and compass error are Gauss-Markov.
+        nobody measures, it relaxes to zero instead (Ornstein-Uhlenbeck). Bias and scale walk, slip and compass error
+        are Gauss-Markov.
         """
         config = self.config
-        q, prior = config.rate_walk**2, config.initial_rate_sigma**2
         F, Q = np.eye(DIM), np.zeros((DIM, DIM))
-        F[State.YAW, State.RATE] = dt
+        q, prior = config.rate_walk**2, config.initial_rate_sigma**2
         if self.P[State.RATE, State.RATE] + q * dt > prior:
-            relax = q / (2.0 * prior)
-            F[State.RATE, State.RATE] = math.exp(-relax * dt)
-            F[State.YAW, State.RATE] = -math.expm1(-relax * dt) / relax
-        Q[State.YAW, State.YAW] = q * dt**3 / 3.0
-        Q[State.YAW, State.RATE] = Q[State.RATE, State.YAW] = q * dt**2 / 2.0
-        Q[State.RATE, State.RATE] = q * dt
+            a = q / (2.0 * prior)
+            e = math.exp(-a * dt)
+            F[State.YAW, State.RATE], F[State.RATE, State.RATE] = (1.0 - e) / a, e
+            yaw = prior * (2.0 * a * dt - 3.0 + 4.0 * e - e**2) / a**2
+            cross, rate = prior * (1.0 - e) ** 2 / a, prior * (1.0 - e**2)
+        else:
+            F[State.YAW, State.RATE] = dt
+            yaw, cross, rate = q * dt**3 / 3.0, q * dt**2 / 2.0, q * dt
+        Q[State.YAW, State.YAW], Q[State.RATE, State.RATE] = yaw, rate
+        Q[State.YAW, State.RATE] = Q[State.RATE, State.YAW] = cross
         Q[State.BIAS, State.BIAS] = config.bias_walk**2 * dt
         Q[State.SCALE, State.SCALE] = config.scale_walk**2 * dt
         F[State.SLIP, State.SLIP] = math.exp(-dt / config.slip_time)
@@ -156,29 +166,44 @@ class YawEkf(ExtendedKalmanFilter):
         R = self.config.gyro_sigma**2 if variance is None else variance
         return Measurement(yaw_rate - float(self.x[State.RATE] + self.x[State.BIAS]), H, R)
 
-    def track_rate(self, yaw_rate: float) -> Measurement:
-        """What the tracks' claimed turn rate (rad/s) says: (scale + slip) times rate."""
-        return self._tracks(yaw_rate, {State.RATE: 1.0}, self.config.track_sigma**2)
+    def track_rate(self, yaw_rate: float, *, alone: bool = False) -> Measurement:
+        """What the tracks' claimed turn rate (rad/s) says: (scale + slip) times rate.
 
-    def track_turn(self, turn: float, dt: float) -> Measurement:
+        `alone` says that nothing else measures the turning. Scale and slip cannot be observed then (linearised, the
+        tracks would seem to tell them all the same), so they are only considered.
+        """
+        return self._tracks(yaw_rate, {State.RATE: 1.0}, self.config.track_sigma**2, alone)
+
+    def track_turn(self, turn: float, dt: float, *, alone: bool = False) -> Measurement:
         """What the turn (rad) between two poses `dt` s apart says: (scale + slip) times the true turn."""
+        x = self.x
+        expected = (x[State.SCALE] + x[State.SLIP]) * (x[State.YAW] - x[State.TRACK_REF])
+        turn = float(expected + wrap_angle(turn - expected))  # a pose counts no turns
         R = (self.config.track_sigma * dt) ** 2
-        return self._tracks(turn, {State.YAW: 1.0, State.TRACK_REF: -1.0}, R, modulo_turn=True)
+        return self._tracks(turn, {State.YAW: 1.0, State.TRACK_REF: -1.0}, R, alone)
 
-    def _tracks(self, z: float, motion: dict[State, float], R: float, *, modulo_turn: bool = False) -> Measurement:
-        """A product of two uncertain states, to second order (Bar-Shalom, Li & Kirubarajan 2001, section 10.3.2)."""
-        M = np.zeros(DIM)
+    def _tracks(self, z: float, motion: dict[State, float], R: float, alone: bool) -> Measurement:
+        """Linearise a product of two uncertain states, gain and motion.
+
+        Its second-order terms are kept (Bar-Shalom, Li & Kirubarajan 2001, section 10.3.2), but not when the tracks are
+        alone: then gain and motion err together so that their product is right. From sample to sample the motion
+        changes by more than its noise, so the gain's error goes into the rate by the *new* motion: `H_after`.
+        """
+        M, G = np.zeros(DIM), np.zeros(DIM)
         for state, sign in motion.items():
             M[state] = sign
-        G = np.zeros(DIM)
         G[State.SCALE] = G[State.SLIP] = 1.0
-        moved, gain = float(M @ self.x), float(G @ self.x)
-        cross = float(G @ self.P @ M)
-        R += float(G @ self.P @ G) * float(M @ self.P @ M) + cross**2
-        innovation = z - gain * moved - cross
-        return Measurement(
-            float(wrap_angle(innovation)) if modulo_turn else innovation, (gain * M + moved * G)[None, :], R
-        )
+        PM = self.P @ M
+        moved, gain, cross = float(M @ self.x), float(G @ self.x), float(G @ PM)
+        innovation = z - gain * moved
+        if not alone:
+            innovation -= cross
+            R += float(G @ self.P @ G) * float(M @ PM) + cross**2
+        H = gain * M + moved * G
+        PH = self.P @ H
+        change = float(M @ PH) / (float(H @ PH) + R) * innovation
+        consider = (State.SCALE, State.SLIP) if alone else ()
+        return Measurement(innovation, H[None, :], R, (H + change * G)[None, :], consider)
 
     def compass(self, yaw: float, variance: float, clone: int) -> Measurement:
         """What an increment (rad, variance rad^2) since state `clone` says: a difference of yaws, modulo a turn.
@@ -198,15 +223,19 @@ class YawEkf(ExtendedKalmanFilter):
 
     def correct(self, measurement: Measurement) -> None:
         """Update with a measurement made from the present state."""
+        prior_x, prior_P = self.x, self.P
         innovation = np.array([measurement.innovation])
-
-        def wrapped_residual(z: Any, expected: Any) -> Array:
-            return innovation
-
         self.update(  # type: ignore[no-untyped-call]
             innovation,
             HJacobian=lambda x: measurement.H,
-            Hx=lambda x: None,  # expected value: taken off already
+            Hx=lambda x: None,
             R=measurement.R,
-            residual=wrapped_residual,
+            residual=lambda z, expected: innovation,  # expected value taken off, and wrapped, already
         )
+        if measurement.consider or measurement.H_after is not None:
+            H = measurement.H if measurement.H_after is None else measurement.H_after
+            K = self.K.copy()
+            K[list(measurement.consider)] = 0.0
+            A = np.eye(DIM) - K @ H
+            self.x = prior_x + K[:, 0] * measurement.innovation
+            self.P = A @ prior_P @ A.T + measurement.R * (K @ K.T)  # Joseph: holds for any gain

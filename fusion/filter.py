@@ -16,6 +16,8 @@ from fusion.events import CompassEvent, FusionEvent, GyroEvent, HeadingEvent, Se
 from fusion.gating import Gate, Verdict, gate_limit
 from fusion.samples import OdometrySample, YawEstimate
 
+ALONE_NS = 500_000_000  # longer than the gap between two images of a slow camera
+
 
 @dataclass(frozen=True, slots=True)
 class Clone:
@@ -107,15 +109,16 @@ class YawFilter:
             self._ekf.correct(measurement)
 
     def _fuse_tracks(self, state: FilterState, event: TracksEvent) -> None:
-        sample, before = event.sample, state.track_pose
+        sample, before, alone = event.sample, state.track_pose, self._tracks_alone(state)
         if self.config.odometry == "twist" or sample.yaw is None:
-            measurement = self._ekf.track_rate(sample.yaw_rate)
+            measurement = self._ekf.track_rate(sample.yaw_rate, alone=alone)
         else:
             state.track_pose = sample
             if before is None or before.yaw is None or sample.t_ns == before.t_ns:
                 self._ekf.clone_yaw(State.TRACK_REF)
                 return
-            measurement = self._ekf.track_turn(sample.yaw - before.yaw, (sample.t_ns - before.t_ns) * 1e-9)
+            dt = (sample.t_ns - before.t_ns) * 1e-9
+            measurement = self._ekf.track_turn(sample.yaw - before.yaw, dt, alone=alone)
         if self._judge(state, Sensor.TRACKS, measurement) is Verdict.RECOVERED:
             # the ground has changed: open the scale as far as it can explain the claim
             self._widen(State.SCALE, self.config.initial_scale_sigma**2)
@@ -141,6 +144,12 @@ class YawFilter:
                 self._widen(State.BIAS, self.config.initial_bias_sigma**2)
         self._mark(state, slot, Clone(increment.t_ref_ns, event.t_ns, reference=True))
         self._remember(state, event.t_ns, reference=False)
+
+    @staticmethod
+    def _tracks_alone(state: FilterState) -> bool:
+        """Whether nothing else has measured the turning lately."""
+        heard = [state.gates[sensor].accepted_ns for sensor in (Sensor.GYRO, Sensor.COMPASS)]
+        return all(t_ns is None or (state.t_ns or 0) - t_ns > ALONE_NS for t_ns in heard)
 
     def _judge(self, state: FilterState, sensor: Sensor, measurement: Measurement) -> Verdict:
         """Pass a measurement through its gate and fuse it if accepted."""

@@ -61,18 +61,21 @@ class Gate:
     ----------
     rejecting_since_ns : int or None
         Stamp of the first of the samples rejected in a row, None after an accepted one.
+    accepted_ns : int or None
+        Stamp of the last accepted sample.
     report : SensorReport or None
         On the last sample.
     """
 
     rejecting_since_ns: int | None = None
+    accepted_ns: int | None = None
     report: SensorReport | None = None
 
     def judge(self, t_ns: int, innovation: float, S: float, limit: float, recovery_ns: int) -> Gate:
         """Next state of the gate after an innovation of variance `S`; its verdict is in the report."""
-        since = self.rejecting_since_ns
+        since, accepted_ns = self.rejecting_since_ns, self.accepted_ns
         if innovation**2 <= limit * S:
-            verdict, since = Verdict.ACCEPTED, None
+            verdict, since, accepted_ns = Verdict.ACCEPTED, None, t_ns
         elif since is None or t_ns - since < recovery_ns:
             verdict, since = Verdict.REJECTED, t_ns if since is None else since
         else:
@@ -80,4 +83,4 @@ class Gate:
         old = self.report
         counts = (old.accepted, old.rejected, old.recovered) if old else (0, 0, 0)
         accepted, rejected, recovered = (n + (verdict is v) for n, v in zip(counts, Verdict, strict=True))
-        return Gate(since, SensorReport(t_ns, innovation, S**0.5, verdict, accepted, rejected, recovered))
+        return Gate(since, accepted_ns, SensorReport(t_ns, innovation, S**0.5, verdict, accepted, rejected, recovered))

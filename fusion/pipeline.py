@@ -102,6 +102,11 @@ class YawFusion:
         """The estimate after the newest sample; None before the first."""
         return estimate_of(self._timeline.state)
 
+    @property
+    def state(self) -> FilterState:
+        """All that the filter knows after the newest sample: state, covariance, gates."""
+        return self._timeline.state
+
     def reports(self) -> Mapping[Sensor, SensorReport | None]:
         """How the last sample of each sensor fared at its gate."""
         return {sensor: gate.report for sensor, gate in self._timeline.state.gates.items()}

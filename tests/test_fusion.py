@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from compass import YawIncrement, wrap_angle
-from fusion import FusionConfig, GyroSample, OdometrySample, YawFusion
+from fusion import FusionConfig, GyroSample, OdometrySample, Sensor, YawFusion
 
 SENSORS = ("gyro", "tracks", "compass")
 SUBSETS = [tuple(s for i, s in enumerate(SENSORS) if mask >> i & 1) for mask in range(1, 8)]
@@ -78,3 +78,112 @@ def test_unusable_sample_is_refused_and_counted(sample, reason):
 def test_foreign_object_raises_type_error():
     with pytest.raises(TypeError, match="ndarray is not a sample"):
         YawFusion().add(np.zeros(3))
+
+
+@pytest.mark.parametrize("first", SENSORS)
+def test_sensors_that_start_late_join(first):
+    samples = turning(0.5, 10.0, (first,)) + [
+        s for s in turning(0.5, 20.0, SENSORS) if s.t_ns > 10_000_000_000 or sensor_name(s) == first
+    ]
+    fusion = YawFusion()
+    for sample in sorted(samples, key=lambda s: s.t_ns):
+        fusion.add(sample)
+    estimate = fusion.estimate()
+    assert abs(estimate.yaw - 10.0) < 3.0 * math.sqrt(estimate.yaw_variance)
+    assert all(report.rejected == 0 for report in fusion.reports().values())
+
+
+def sensor_name(sample):
+    return {GyroSample: "gyro", OdometrySample: "tracks", YawIncrement: "compass"}[type(sample)]
+
+
+@pytest.mark.parametrize("silent", SENSORS)
+def test_sensor_falling_silent_is_carried_by_the_rest(silent):
+    samples = turning(0.5, 20.0, bias=0.01, scale=0.95)
+    estimate = fused([s for s in samples if s.t_ns < 5_000_000_000 or sensor_name(s) != silent])
+    # exact samples, so what is left is bias and scale not fully learned in 5 s: their sigmas say how much
+    assert abs(estimate.yaw - 10.0) < 3.0 * math.sqrt(estimate.yaw_variance) < 0.5
+
+
+def test_all_silent_grows_variance_and_first_increment_over_the_gap_restores_it():
+    fusion = YawFusion()
+    for sample in turning(0.3, 5.0):
+        fusion.add(sample)
+    known = fusion.estimate().yaw_variance
+    # 4 s of nothing while the robot turns on by 1.2 rad, then the compass is back on its old reference
+    fusion.add(YawIncrement(5_000_000_000, 9_000_000_000, 1.2, 1e-6, 0.9))
+    estimate = fusion.estimate()
+    assert estimate.yaw == pytest.approx(9.0 * 0.3, abs=0.01)
+    assert estimate.yaw_variance < known + 2e-6
+
+
+def test_increment_on_unknown_reference_is_not_lost():
+    fusion = YawFusion()
+    for sample in turning(0.3, 10.0, ("gyro",)):
+        fusion.add(sample)
+    # a reference from long before the filter's memory: the first increment places it, the next measure against it
+    fusion.add(YawIncrement(1_000, 10_000_000_000, -2.0, 1e-6, 0.9))
+    yaw = fusion.estimate().yaw
+    assert yaw == pytest.approx(3.0, abs=0.01)
+    for i in range(1, 31):
+        fusion.add(YawIncrement(1_000, 10_000_000_000 + i * 100_000_000, -2.0 + 0.03 * i, 1e-6, 0.9))
+    estimate = fusion.estimate()
+    assert estimate.yaw - yaw == pytest.approx(0.9, abs=0.003)  # noise of the two ends, 1e-3 rad each
+    assert fusion.state.references_lost == 1
+
+
+def test_outliers_are_gated():
+    wild = {4_000_000_000: 1.0, 7_000_000_000: -0.4}
+    samples = []
+    for sample in turning(0.5, 10.0):
+        if isinstance(sample, YawIncrement) and sample.t_ns in wild:
+            sample = YawIncrement(sample.t_ref_ns, sample.t_ns, sample.yaw + wild[sample.t_ns], 1e-6, 0.9)
+        samples.append(sample)
+    fusion = YawFusion()
+    for sample in samples:
+        fusion.add(sample)
+    assert fusion.reports()[Sensor.COMPASS].rejected == 2
+    assert abs(fusion.estimate().yaw - 5.0) < 1e-3
+
+
+def test_compass_on_a_false_match_is_let_in_again_without_turning_the_yaw():
+    """A symmetric corridor: from 5 s on the compass compares with what lies behind, pi off."""
+    fusion = YawFusion()
+    for sample in turning(0.1, 20.0, ("gyro", "tracks")):
+        fusion.add(sample)
+        if sample.t_ns % 100_000_000 == 0 and isinstance(sample, OdometrySample) and sample.t_ns:
+            flip = math.pi if sample.t_ns > 5_000_000_000 else 0.0
+            yaw = float(wrap_angle(0.1e-9 * sample.t_ns + flip))
+            fusion.add(YawIncrement(0, sample.t_ns, yaw, 1e-6, 0.9))
+    report = fusion.reports()[Sensor.COMPASS]
+    assert 10 <= report.rejected <= 12  # recovery_time of 1 s at 10 Hz
+    assert report.recovered == 1
+    assert report.accepted > 180
+    assert fusion.estimate().yaw == pytest.approx(2.0, abs=0.02)
+
+
+@pytest.mark.parametrize("heading", [0.0, 1.0, math.pi - 1e-9, -2.0])
+def test_set_yaw_keeps_the_turn_count(heading):
+    fusion = YawFusion()
+    for sample in turning(1.0, 20.0):
+        fusion.add(sample)
+    fusion.set_yaw(heading, 1e-4)
+    estimate = fusion.estimate()
+    assert abs(wrap_angle(estimate.yaw - heading)) < 1e-9
+    assert abs(estimate.yaw - 20.0) <= math.pi + 1e-3
+    assert estimate.yaw_variance == pytest.approx(1e-4)
+
+
+def test_set_yaw_of_nan_raises():
+    with pytest.raises(ValueError, match="finite"):
+        YawFusion().set_yaw(math.nan, 1.0)
+
+
+def test_reset_starts_anew():
+    fusion = YawFusion(FusionConfig(initial_yaw=0.5))
+    for sample in turning(1.0, 2.0):
+        fusion.add(sample)
+    fusion.reset()
+    assert fusion.estimate() is None
+    fusion.add(GyroSample(10, 0.0))
+    assert fusion.estimate().yaw == pytest.approx(0.5)

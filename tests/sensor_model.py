@@ -1,0 +1,93 @@
+"""A seeded drive and what the three sensors say of it, drawn from the very statistics that a `FusionConfig` claims."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from compass import YawIncrement, wrap_angle
+from fusion import FusionConfig, GyroSample, OdometrySample
+
+GRID_HZ = 100
+SENSORS = ("gyro", "tracks", "compass")
+SUBSETS = [tuple(s for i, s in enumerate(SENSORS) if mask >> i & 1) for mask in range(1, 8)]
+
+
+@dataclass(frozen=True)
+class Drive:
+    """Truth on a grid of 10 ms (rad, rad/s, 1) and the samples in the order of their stamps."""
+
+    t_ns: np.ndarray
+    yaw: np.ndarray
+    rate: np.ndarray
+    bias: np.ndarray
+    scale: np.ndarray
+    samples: list
+
+
+def drawn_drive(seed, sensors=SENSORS, seconds=10.0, config=None, gyro_hz=50, track_hz=20, compass_hz=10, hold=1.0):
+    """Draw a drive whose motion, bias, scale, slip and noises all follow `config`.
+
+    The rate walks randomly from a start drawn from its prior; the compass keeps a reference for `hold` seconds.
+    """
+    config = config or FusionConfig()
+    rng = np.random.default_rng(seed)
+    n = round(GRID_HZ * seconds) + 1
+    yaw, rate = _motion(rng, n, config)
+    bias = _walk(rng, n, config.initial_bias_sigma, config.bias_walk)
+    scale = config.initial_scale + _walk(rng, n, config.initial_scale_sigma, config.scale_walk)
+    slip = config.track_slip * _gauss_markov(rng, n, config.slip_time)
+    t_ns = np.arange(n) * (10**9 // GRID_HZ)
+    samples = []
+    if "gyro" in sensors:
+        at = np.arange(0, n, GRID_HZ // gyro_hz)
+        z = rate[at] + bias[at] + config.gyro_sigma * rng.normal(size=at.size)
+        samples += [GyroSample(int(t), float(w)) for t, w in zip(t_ns[at], z, strict=True)]
+    if "tracks" in sensors:
+        samples += _tracks(rng, np.arange(0, n, GRID_HZ // track_hz), t_ns, yaw, rate, scale + slip, config)
+    if "compass" in sensors:
+        samples += _compass(rng, np.arange(0, n, GRID_HZ // compass_hz), t_ns, yaw, hold, config)
+    return Drive(t_ns, yaw, rate, bias, scale, sorted(samples, key=lambda sample: sample.t_ns))
+
+
+def _motion(rng, n, config):
+    """Exact draw of a rate that walks randomly and of its integral (Van Loan's covariance of the pair)."""
+    dt, q = 1.0 / GRID_HZ, config.rate_walk**2
+    pair = np.linalg.cholesky(q * np.array([[dt**3 / 3, dt**2 / 2], [dt**2 / 2, dt]]))
+    noise = rng.normal(size=(n - 1, 2)) @ pair.T
+    rate = config.initial_rate_sigma * rng.normal() + np.concatenate([[0.0], np.cumsum(noise[:, 1])])
+    start = config.initial_yaw + config.initial_yaw_sigma * rng.normal()
+    return start + np.concatenate([[0.0], np.cumsum(rate[:-1] * dt + noise[:, 0])]), rate
+
+
+def _walk(rng, n, sigma, step):
+    return sigma * rng.normal() + np.concatenate([[0.0], np.cumsum(step / math.sqrt(GRID_HZ) * rng.normal(size=n - 1))])
+
+
+def _gauss_markov(rng, n, time):
+    keep = math.exp(-1.0 / (GRID_HZ * time))
+    out = rng.normal(size=n)
+    for i in range(1, n):
+        out[i] = keep * out[i - 1] + math.sqrt(1.0 - keep**2) * out[i]
+    return out
+
+
+def _tracks(rng, at, t_ns, yaw, rate, gain, config):
+    claimed = gain[at] * rate[at] + config.track_sigma * rng.normal(size=at.size)
+    dt = (t_ns[at[1]] - t_ns[at[0]]) * 1e-9
+    turn = gain[at[1:]] * np.diff(yaw[at]) + config.track_sigma * dt * rng.normal(size=at.size - 1)
+    pose = wrap_angle(np.concatenate([[0.3], 0.3 + np.cumsum(turn)]))
+    return [OdometrySample(int(t), float(w), 0.5, float(p)) for t, w, p in zip(t_ns[at], claimed, pose, strict=True)]
+
+
+def _compass(rng, at, t_ns, yaw, hold, config):
+    share, out, reference = config.compass_error_share, [], at[0]
+    lasting = _gauss_markov(rng, yaw.size, config.compass_error_time)
+    for i in at[1:]:
+        variance = float(rng.uniform(0.5e-3, 2e-3)) ** 2
+        error = math.sqrt(share) * lasting[i] + math.sqrt(1.0 - share) * rng.normal()
+        turn = float(wrap_angle(yaw[i] - yaw[reference] + math.sqrt(variance) * error))
+        out.append(YawIncrement(int(t_ns[reference]), int(t_ns[i]), turn, variance, 0.9))
+        if (t_ns[i] - t_ns[reference]) * 1e-9 >= hold - 1e-9:
+            reference, lasting = i, _gauss_markov(rng, yaw.size, config.compass_error_time)
+    return out

@@ -1,0 +1,157 @@
+"""The filter's algebra: Jacobians, clones, frames."""
+
+import math
+
+import numpy as np
+import pytest
+
+from compass import wrap_angle
+from fusion import FusionConfig
+from fusion.ekf import CLONES, DIM, YAWS, State, YawEkf
+
+
+@pytest.fixture
+def ekf():
+    """A filter at a general state with a general covariance."""
+    rng = np.random.default_rng(4)
+    ekf = YawEkf(FusionConfig())
+    ekf.x = rng.normal(size=DIM)
+    ekf.x[State.SCALE] = 0.9
+    A = 0.1 * rng.normal(size=(DIM, DIM))
+    ekf.P = A @ A.T
+    return ekf
+
+
+def expected_gyro(x):
+    return x[State.RATE] + x[State.BIAS]
+
+
+def expected_track_rate(x):
+    return (x[State.SCALE] + x[State.SLIP]) * x[State.RATE]
+
+
+def expected_track_turn(x):
+    return (x[State.SCALE] + x[State.SLIP]) * (x[State.YAW] - x[State.TRACK_REF])
+
+
+def expected_compass(x, config, variance):
+    lasting = math.sqrt(config.compass_error_share * variance)
+    return x[State.YAW] - x[State.CLONE] + lasting * x[State.COMPASS_ERROR]
+
+
+def test_jacobians_equal_finite_differences(ekf):
+    pairs = [
+        (ekf.gyro(0.0, None), expected_gyro),
+        (ekf.track_rate(0.0, alone=True), expected_track_rate),
+        (ekf.track_turn(0.0, 0.02, alone=True), expected_track_turn),
+        (ekf.compass(0.0, 1e-4, State.CLONE), lambda x: expected_compass(x, ekf.config, 1e-4)),
+    ]
+    step = 1e-6  # all models are at most bilinear, so central differences err by rounding alone: 1e-16 / 1e-6
+    for measurement, expected in pairs:
+        for i in range(DIM):
+            e = step * np.eye(DIM)[i]
+            slope = (expected(ekf.x + e) - expected(ekf.x - e)) / (2.0 * step)
+            assert abs(measurement.H[0, i] - slope) < 1e-9
+        assert abs(math.remainder(measurement.innovation + expected(ekf.x), math.tau)) < 1e-12
+
+
+@pytest.mark.parametrize("sigma", [1.0, 0.1], ids=["walking", "relaxing"])
+def test_ten_short_steps_equal_one_long_step(ekf, sigma):
+    ekf.config = FusionConfig(initial_rate_sigma=sigma)
+    ekf.P[State.RATE, State.RATE] += 0.05  # below 1 and above 0.1 squared all the way
+    F, Q = ekf.transition(0.1)
+    x, P = F @ ekf.x, F @ ekf.P @ F.T + Q
+    for _ in range(10):
+        ekf.predict_for(0.01)
+    np.testing.assert_allclose(ekf.x, x, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(ekf.P, P, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("sigma", [1.0, 0.1], ids=["walking", "relaxing"])
+def test_process_noise_of_the_turning_equals_its_integral(ekf, sigma):
+    """Q is the integral of white noise through the transition, here summed over 1000 slices (midpoint: 1e-6)."""
+    ekf.config = FusionConfig(initial_rate_sigma=sigma)
+    ekf.P = np.eye(DIM) * 0.05
+    total, slices = np.zeros((2, 2)), 1000
+    for k in range(slices):
+        F, _ = ekf.transition(0.5 * (k + 0.5) / slices)
+        through = F[:2, State.RATE]
+        total += np.outer(through, through) * ekf.config.rate_walk**2 * 0.5 / slices
+    ekf.P = np.eye(DIM) * 0.05
+    np.testing.assert_allclose(ekf.transition(0.5)[1][:2, :2], total, rtol=1e-5)
+
+
+def test_relaxing_rate_variance_stays_at_prior():
+    ekf = YawEkf(FusionConfig())
+    for _ in range(600):
+        ekf.predict_for(0.1)
+    once = YawEkf(ekf.config)
+    once.predict_for(60.0)
+    # q dt of the last step that still walks: 0.25 * 0.1 of a variance of 1
+    for filter_ in (ekf, once):
+        assert filter_.P[State.RATE, State.RATE] == pytest.approx(ekf.config.initial_rate_sigma**2, rel=0.025)
+
+
+def test_clone_is_a_copy_with_all_correlations(ekf):
+    ekf.clone_yaw(State.CLONE + 1)
+    P = ekf.P
+    assert ekf.x[State.CLONE + 1] == ekf.x[State.YAW]
+    np.testing.assert_array_equal(P[State.CLONE + 1], P[State.YAW])
+    np.testing.assert_array_equal(P[:, State.CLONE + 1], P[:, State.YAW])
+    assert P[State.CLONE + 1, State.CLONE + 1] == P[State.YAW, State.YAW]
+
+
+def test_difference_to_clone_knows_only_what_happened_since(ekf):
+    ekf.clone_yaw(State.CLONE)
+    before = ekf.P[State.RATE, State.RATE]
+    ekf.predict_for(0.1)
+    measurement = ekf.compass(0.0, 1e-4, State.CLONE)
+    H = measurement.H.copy()
+    H[0, State.COMPASS_ERROR] = 0.0
+    # the turn since the clone is the rate over 0.1 s plus its walk, whatever the yaw's own variance
+    since = 0.1**2 * before + ekf.config.rate_walk**2 * 0.1**3 / 3.0
+    assert float((H @ ekf.P @ H.T)[0, 0]) == pytest.approx(since, rel=1e-9)
+
+
+def test_anchor_leaves_no_innovation_and_does_not_move_the_yaw(ekf):
+    yaw, variance = ekf.x[State.YAW], ekf.P[State.YAW, State.YAW]
+    ekf.anchor(State.CLONE, ekf.compass(0.7, 1e-4, State.CLONE))
+    again = ekf.compass(0.7, 1e-4, State.CLONE)
+    assert again.innovation == pytest.approx(0.0, abs=1e-12)
+    assert (ekf.x[State.YAW], ekf.P[State.YAW, State.YAW]) == (yaw, variance)
+    # nothing is known of the clone but through this increment, so its noise alone is left in the innovation
+    H = again.H
+    assert float((H @ ekf.P @ H.T)[0, 0]) == pytest.approx(again.R, rel=1e-6)
+
+
+def test_turn_frame_keeps_turns_and_references(ekf):
+    ekf.x[State.YAW] = 4.0 * math.tau + 0.3
+    H = ekf.compass(0.0, 1e-4, State.CLONE).H
+    before = ekf.x[State.YAW] - ekf.x[YAWS], (H @ ekf.P @ H.T).item()
+    ekf.turn_frame(-3.0, 0.01)
+    assert ekf.x[State.YAW] == pytest.approx(4.0 * math.tau - 3.0 + math.tau)  # nearest turn: 2.98 up, not 3.3 down
+    assert ekf.P[State.YAW, State.YAW] == pytest.approx(0.01)
+    assert ekf.P[State.YAW, State.BIAS] == pytest.approx(0.0, abs=1e-15)
+    np.testing.assert_allclose(ekf.x[State.YAW] - ekf.x[YAWS], before[0], atol=1e-12)
+    assert (H @ ekf.P @ H.T).item() == pytest.approx(before[1])
+
+
+@pytest.mark.parametrize("degrees", [0.0, 60.0, 180.0, -120.0])
+def test_compass_innovation_is_wrapped(ekf, degrees):
+    ekf.x[State.COMPASS_ERROR] = 0.0
+    ekf.x[State.CLONE] = 20.0
+    ekf.x[State.YAW] = 20.0 + 3.0 * math.tau + math.radians(degrees)
+    z = float(wrap_angle(math.radians(degrees) + 0.01))
+    assert ekf.compass(z, 1e-4, State.CLONE).innovation == pytest.approx(0.01, abs=1e-9)
+
+
+def test_considered_states_keep_value_and_variance(ekf):
+    scale, variance = ekf.x[State.SCALE], ekf.P[State.SCALE, State.SCALE]
+    ekf.correct(ekf.track_rate(0.5, alone=True))
+    assert (ekf.x[State.SCALE], ekf.P[State.SCALE, State.SCALE]) == (scale, variance)
+    assert np.all(np.linalg.eigvalsh(ekf.P) > -1e-12)
+
+
+def test_states_cover_the_vector():
+    assert DIM == State.CLONE + CLONES
+    assert YAWS.sum() == 2 + CLONES

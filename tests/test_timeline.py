@@ -1,0 +1,123 @@
+"""The timeline: any order of arrival gives the result of the order of stamps, to the bit."""
+
+import random
+from dataclasses import dataclass
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from sensor_model import drawn_drive
+
+from fusion import GyroSample, YawFusion
+from fusion.timeline import Arrival, Timeline
+
+
+@dataclass(frozen=True)
+class Letter:
+    t_ns: int
+    name: str
+
+    @property
+    def order(self):
+        return (self.t_ns, ord(self.name))
+
+
+def spelling(window_ns=100):
+    return Timeline("", lambda state, letter: state + letter.name, window_ns)
+
+
+def test_late_event_is_put_in_its_place():
+    timeline = spelling()
+    arrivals = [timeline.add(Letter(t, name)) for t, name in [(10, "a"), (30, "c"), (20, "b"), (30, "c")]]
+    assert arrivals == [Arrival.APPENDED, Arrival.APPENDED, Arrival.LATE, Arrival.DUPLICATE]
+    assert timeline.state == "abc"
+
+
+def test_event_older_than_window_is_refused():
+    timeline = spelling()
+    timeline.add(Letter(1000, "b"))
+    assert timeline.add(Letter(899, "a")) is Arrival.TOO_OLD
+    assert timeline.add(Letter(900, "a")) is Arrival.LATE
+    assert timeline.state == "ab"
+
+
+def test_memory_stays_bounded():
+    timeline = spelling(window_ns=100)
+    for t in range(5000):
+        timeline.add(Letter(t, "x"))
+    assert len(timeline) < 300
+    assert len(timeline.state) == 5000
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.lists(st.tuples(st.integers(0, 400), st.sampled_from("abc")), max_size=40), st.randoms())
+def test_any_order_inside_window_spells_the_same(pairs, rng):
+    letters = [Letter(*pair) for pair in pairs]
+    ordered, shuffled = spelling(400), spelling(400)
+    for letter in sorted(set(letters), key=lambda letter: letter.order):
+        ordered.add(letter)
+    rng.shuffle(letters)
+    for letter in letters:
+        shuffled.add(letter)
+    assert shuffled.state == ordered.state
+
+
+DRIVE = drawn_drive(0, seconds=3.0, hold=0.4).samples
+
+
+@settings(max_examples=15, deadline=None)
+@given(st.integers(0, 2**32), st.floats(0.0, 0.95))
+def test_any_arrival_inside_lag_window_gives_the_same_bits(seed, lateness):
+    rng = random.Random(seed)
+    arrivals = sorted(((s.t_ns + rng.uniform(0.0, lateness) * 1e9, i) for i, s in enumerate(DRIVE)))
+    arrivals += [arrivals[-1]] * 3  # and some twice
+    ordered, late = YawFusion(), YawFusion()
+    for sample in DRIVE:
+        ordered.add(sample)
+    for _, i in arrivals:
+        late.add(DRIVE[i])
+    assert late.estimate() == ordered.estimate()
+    assert late.state.x.tobytes() == ordered.state.x.tobytes()
+    assert late.state.P.tobytes() == ordered.state.P.tobytes()
+    assert late.reports() == ordered.reports()
+
+
+def test_duplicates_change_nothing_and_are_counted():
+    once, twice = YawFusion(), YawFusion()
+    for sample in DRIVE:
+        once.add(sample)
+        assert twice.add(sample)
+        assert not twice.add(sample)
+    assert once.estimate() == twice.estimate()
+    assert sum(n for reason, n in twice.counts.items() if reason.endswith("duplicate")) == len(DRIVE)
+
+
+def test_older_than_lag_window_is_refused_and_counted():
+    fusion = YawFusion()
+    fusion.add(GyroSample(10_000_000_000, 0.1))
+    before = fusion.estimate()
+    assert not fusion.add(GyroSample(8_999_999_999, 0.5))
+    assert fusion.estimate() == before
+    assert fusion.counts["gyro: older than lag_window"] == 1
+    assert fusion.add(GyroSample(9_000_000_000, 0.1))
+
+
+def test_jump_back_in_time_starts_anew():
+    fusion, fresh = YawFusion(), YawFusion()
+    for sample in DRIVE:
+        fusion.add(GyroSample(sample.t_ns + 100_000_000_000, 0.3))
+    for sample in DRIVE:
+        fusion.add(sample)
+    assert fusion.counts["reset: time jumped back"] == 1
+    for sample in DRIVE[9:]:  # the tenth too old sample in a row is the first of the new time
+        fresh.add(sample)
+    assert fusion.estimate() == fresh.estimate()
+
+
+def test_single_stray_stamp_does_not_reset():
+    fusion = YawFusion()
+    for i in range(300):
+        fusion.add(GyroSample(50_000_000_000 + i * 10_000_000, 0.5))
+        fusion.add(GyroSample(i, 0.5))
+    assert fusion.estimate().yaw == pytest.approx(0.5 * 2.99, abs=0.2)
+    assert not any(reason.startswith("reset") for reason in fusion.counts)
