@@ -33,6 +33,7 @@ class Builder:
         self.density = density
         self.solids: list[Solid] = []
         self._lid = Ground(120.0 + 14.0 * fractal(rng, (256, 256), 64), 4.0)
+        self._leaves = Ground(materials.foliage(rng, 4.0, 4.0, 64.0) - 25.0, 4.0)
 
     def skin(self, material: Material, width: float, height: float, shade: float = 1.0) -> Skin:
         """A texture of `material`, `shade` times as bright."""
@@ -52,25 +53,46 @@ class Builder:
         self, centre: tuple[float, float], radius: float, height: float, material: Material, foot: float = 0.0
     ) -> None:
         """An upright cylinder."""
+        cap = self._leaves if material is materials.foliage else self._lid
         (x, y), around = centre, 2 * np.pi * radius
         image = material(self.rng, around, height, self.density)
         angle = 2.0 * np.pi * np.arange(image.shape[1]) / image.shape[1]
         image *= (0.8 + 0.25 * np.cos(angle - 2.0)).astype(np.float32)
         low, high = (x - radius, y - radius, foot), (x + radius, y + radius, foot + height)
-        self.solids.append(Solid(low, high, Skin(image, around, height), self._lid, round=True))
+        self.solids.append(Solid(low, high, Skin(image, around, height), cap, round=True))
 
     def tree(self, centre: tuple[float, float], height: float) -> None:
-        """A trunk and a crown of three rounds."""
-        self.pole(centre, 0.02 * height + 0.05, 0.45 * height, materials.bark)
-        for foot, tall, radius in ((0.35, 0.2, 0.17), (0.55, 0.3, 0.24), (0.85, 0.15, 0.14)):
-            self.pole(centre, radius * height, tall * height, materials.foliage, foot * height)
+        """A trunk and a crown of rounds, widest below the middle."""
+        self.pole(centre, 0.02 * height + 0.05, 0.36 * height, materials.bark)
+        foot = 0.36
+        for tall, radius in ((0.08, 0.14), (0.12, 0.21), (0.14, 0.25), (0.12, 0.22), (0.10, 0.16), (0.08, 0.09)):
+            wide = radius * height * self.rng.uniform(0.85, 1.1)
+            self.pole(centre, wide, tall * height, materials.foliage, foot * height)
+            foot += tall
+
+    def car(self, centre: tuple[float, float]) -> None:
+        """A parked car along x."""
+        self.box(centre, (4.2, 1.7, 0.62), materials.coachwork, foot=0.22)
+        self.box((centre[0] - 0.2, centre[1]), (2.3, 1.5, 0.55), materials.car_windows, foot=0.84)
+        for x in (-1.4, 1.4):
+            for y in (-0.68, 0.68):
+                self.box((centre[0] + x, centre[1] + y), (0.6, 0.18, 0.22), materials.rubber)
 
     def wall(
-        self, start: tuple[float, float], end: tuple[float, float], image: Image, height: float, hull: bool = True
+        self,
+        start: tuple[float, float],
+        end: tuple[float, float],
+        image: Image,
+        height: float,
+        hull: bool = True,
+        repeat: float | None = None,
     ) -> None:
-        """A plate from `start` to `end` along x or y, `height` m tall, with one texture on both faces."""
+        """A plate from `start` to `end` along x or y, `height` m tall, with one texture on both faces.
+
+        The texture spans the length of the wall, or is repeated every `repeat` m.
+        """
         (x0, x1), (y0, y1) = sorted((start[0], end[0])), sorted((start[1], end[1]))
-        skin = Skin(image, x1 - x0 + y1 - y0, height)
+        skin = Skin(image, x1 - x0 + y1 - y0 if repeat is None else repeat, height)
         self.solids.append(Solid((x0, y0, 0.0), (x1, y1, height), skin, None, hull=hull))
 
     def room(
@@ -97,14 +119,31 @@ class Builder:
             _darken_ends(image, self.density)
             self.wall(start, end, image, height)
 
-    def house(self, low: tuple[float, float], high: tuple[float, float], height: float, material: Material) -> None:
-        """A building with windows on all sides."""
-        (x0, y0), (x1, y1) = low, high
-        a, b = x1 - x0, y1 - y0
+    def block(
+        self,
+        low: tuple[float, float],
+        high: tuple[float, float],
+        height: float,
+        material: Material,
+        things: Sequence[Fitting] = fittings.INDOOR,
+    ) -> None:
+        """A part of the building inside the outer walls, with `things` on its walls."""
+        a, b = high[0] - low[0], high[1] - low[1]
         image = material(self.rng, 2 * (a + b), height, self.density)
-        fittings.facade(self.rng, image, self.density)
+        fittings.furnish(image, self.rng, self.density, things)
+        self._block(low, high, height, image)
+
+    def house(
+        self, low: tuple[float, float], high: tuple[float, float], height: float, material: Material, density: float
+    ) -> None:
+        """A building with windows on all sides, `density` texels per metre."""
+        image = material(self.rng, 2 * (high[0] - low[0] + high[1] - low[1]), height, density)
+        self._block(low, high, height, fittings.facade(self.rng, image, density))
+
+    def _block(self, low: tuple[float, float], high: tuple[float, float], height: float, image: Image) -> None:
+        a, b = high[0] - low[0], high[1] - low[1]
         _light_faces(image, a, b)
-        self.solids.append(Solid((x0, y0, 0.0), (x1, y1, height), Skin(image, 2 * (a + b), height), self._lid))
+        self.solids.append(Solid((*low, 0.0), (*high, height), Skin(image, 2 * (a + b), height), self._lid))
 
     def indoors(self, floor: Image, floor_size: float, height: float, crowd: Crowd = nobody) -> World:
         """The finished world under a ceiling with lamps."""

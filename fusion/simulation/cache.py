@@ -29,7 +29,7 @@ log = logging.getLogger(__name__)
 # For smooth images run lengths after prediction are smaller and faster than a search for repeats.
 _PNG = (cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE)
 _RENDERS: tuple[str, ...] = ("body", "builder", "camera", "fittings", "materials", "painter")
-_RENDERS += ("places", "raster", "rendering", "surfaces", "world")
+_RENDERS += ("people", "places", "raster", "rendering", "surfaces", "world", "yards")
 
 
 class Frames(Protocol):

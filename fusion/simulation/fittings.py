@@ -91,6 +91,8 @@ def panel(image: Image, rng: np.random.Generator, density: float, left: float) -
 
 
 INDOOR: Sequence[Fitting] = (door, poster, board, radiator, panel, poster, window)
+PASSAGE: Sequence[Fitting] = (door, poster, panel, board, poster)
+STORE: Sequence[Fitting] = (door, panel, poster, panel)
 
 
 def furnish(
@@ -116,7 +118,7 @@ def facade(rng: np.random.Generator, wall: Image, density: float, storey: float 
             fill(wall, density, left, floor, 1.2, 1.5, glass)
             fill(wall, density, left, floor + rng.uniform(0.7, 1.2), 1.2, 0.3, glass * 0.75 + 50.0)
             fill(wall, density, left + 0.56, floor, 0.07, 1.5, 190.0)
-    fill(wall, density, 0.0, 0.0, length, 0.5, 85.0)
+    wall[-round(0.5 * density) :] *= 0.65
     fill(wall, density, 0.0, height - 0.35, length, 0.12, 215.0)
     return wall
 

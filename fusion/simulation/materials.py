@@ -149,6 +149,34 @@ def books(rng: np.random.Generator, width: float, height: float, density: float)
     return image + 2.0 * fractal(rng, image.shape, 8)
 
 
+def coachwork(rng: np.random.Generator, width: float, height: float, density: float) -> Image:
+    """A car's sides: paint, gaps of the doors, a trim, lamps and plates at the ends."""
+    image = canvas(width, height, density, rng.uniform(60, 200))
+    image += np.linspace(12.0, -30.0, image.shape[0], dtype=np.float32)[:, None]
+    for u in np.arange(0.4, width, 0.95):
+        fill(image, density, u, 0.05, 0.012, height, 30.0)
+        fill(image, density, u + 0.1, 0.75 * height, 0.15, 0.03, 35.0)
+    for u in (0.39, 0.55, 0.89, 0.97):
+        fill(image, density, u * width, 0.55 * height, 0.25, 0.12, 235.0)
+    fill(image, density, 0.0, 0.3 * height, width, 0.03, 40.0)
+    return image
+
+
+def car_windows(rng: np.random.Generator, width: float, height: float, density: float) -> Image:
+    """A car's cabin: dark glass between the posts."""
+    image = canvas(width, height, density, 60.0)
+    image += 14.0 * fractal(rng, image.shape, 0.6 * density, 0.5)
+    for u in np.arange(0.0, width, 0.8):
+        fill(image, density, u, 0.0, 0.07, height, 130.0)
+    fill(image, density, 0.0, height - 0.08, width, 0.08, 130.0)
+    return image
+
+
+def rubber(rng: np.random.Generator, width: float, height: float, density: float) -> Image:
+    """Tyres."""
+    return canvas(width, height, density, 35.0)
+
+
 def foliage(rng: np.random.Generator, width: float, height: float, density: float) -> Image:
     """Leaves: dark depths, lit edges, on scales from branches to leaves."""
     shape = canvas(width, height, density, 0.0).shape

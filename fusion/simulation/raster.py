@@ -16,7 +16,7 @@ import numpy as np
 from fusion.simulation.surfaces import Array
 from fusion.simulation.world import Floats
 
-COARSE = 8  # fine rows in a coarse one
+COARSE = 4  # fine rows in a coarse one
 STEEPEST = np.deg2rad(87.0)  # near the poles, where the tangent has no end
 _GRID = 8  # pixels between which the tilt's shift is interpolated
 # Of the lens: reaches 0.7 % at 1.5 times Nyquist's frequency, so that hardly anything folds back in the shrinking.

@@ -58,17 +58,18 @@ class Skin:
         self.width, self.height = width, height
         self.per_metre_u, self.per_metre_v = columns / width, rows / height
         self.top_level = len(levels) - 1
-        # All levels side by side in one image, so that one call serves pixels of different levels; transposed,
-        # because the camera works column by column and memory likes to be walked along.
-        heights = np.array([level.shape[0] for level in levels])
-        self._first = (np.cumsum(heights + 2 * _PAD) - heights - _PAD).astype(np.float32)
-        self._last = self._first + heights.astype(np.float32) - 1.0
-        self._atlas = np.zeros((columns + 2 * _PAD, int(np.sum(heights + 2 * _PAD))), np.float32)
-        for level, first in zip(levels, self._first, strict=True):
+        # All levels in one image, so that one call serves pixels of different levels: the finest on the left, the
+        # others below one another on the right. Transposed, because the camera works column by column.
+        self._first_v = np.array([_PAD] + [rows + 3 * _PAD] * self.top_level, np.float32)
+        lengths = np.array([level.shape[1] + 2 * _PAD for level in levels[1:]])
+        self._first_u = np.append(_PAD, _PAD + np.cumsum(lengths) - lengths).astype(np.float32)
+        self._last_v = self._first_v + np.array([level.shape[0] for level in levels], np.float32) - 1.0
+        width_v = rows + 2 * _PAD + (levels[1].shape[0] + 2 * _PAD if self.top_level else 0)
+        self._atlas = np.zeros((max(columns + 2 * _PAD, int(lengths.sum())), width_v), np.float32)
+        for level, u, v in zip(levels, self._first_u.astype(int), self._first_v.astype(int), strict=True):
             padded = cv2.copyMakeBorder(level.T, 0, 0, _PAD, _PAD, cv2.BORDER_REPLICATE)
             padded = cv2.copyMakeBorder(padded, _PAD, _PAD, 0, 0, cv2.BORDER_WRAP)
-            start = int(first) - _PAD
-            self._atlas[: padded.shape[0], start : start + padded.shape[1]] = padded
+            self._atlas[u - _PAD : u - _PAD + padded.shape[0], v - _PAD : v - _PAD + padded.shape[1]] = padded
 
     def level(self, footprint_u: Levels, footprint_v: Levels) -> Levels:
         """The level whose texel is as large as a pixel's footprint, given in m."""
@@ -98,13 +99,13 @@ class Skin:
     def _fetch(self, u: Levels, v: Levels, slope: Levels, tangent: Array, level: npt.NDArray[np.intp]) -> Array:
         """Bilinear look-up in one level per column."""
         scale = 0.5**level
-        across = (u % self.width) * self.per_metre_u * scale + (_PAD - 0.5)
+        across = (u % self.width) * self.per_metre_u * scale + self._first_u[level] - 0.5
         down = scale * self.per_metre_v
         y = np.repeat(across.astype(np.float32)[:, None], tangent.size, axis=1)
         x = (slope * down).astype(np.float32)[:, None] * tangent
-        x += (v * down + self._first[level] - 0.5).astype(np.float32)[:, None]
-        np.maximum(x, self._first[level][:, None] - 1.0, out=x)
-        np.minimum(x, self._last[level][:, None] + 1.0, out=x)
+        x += (v * down + self._first_v[level] - 0.5).astype(np.float32)[:, None]
+        np.maximum(x, self._first_v[level][:, None] - 1.0, out=x)
+        np.minimum(x, self._last_v[level][:, None] + 1.0, out=x)
         return np.asarray(cv2.remap(self._atlas, x, y, cv2.INTER_LINEAR), np.float32)
 
 

@@ -144,10 +144,12 @@ class World:
         """Everything solid at time `t`, s."""
         return self.solids + self.crowd(t)
 
-    def clearance(self, x: Floats, y: Floats) -> float:
-        """Distance from the nearest of the points (x, y) to the nearest resting solid above the ground, m."""
+    def clearance(self, x: Floats, y: Floats, headroom: float = 1.2) -> float:
+        """Distance from the nearest of the points (x, y), m, to the nearest resting solid lower than `headroom` m."""
         nearest = np.inf
         for solid in self.solids:
+            if solid.low[2] > headroom:
+                continue
             dx = np.maximum(np.maximum(solid.low[0] - x, x - solid.high[0]), 0.0)
             dy = np.maximum(np.maximum(solid.low[1] - y, y - solid.high[1]), 0.0)
             nearest = min(nearest, float(np.hypot(dx, dy).min()))
