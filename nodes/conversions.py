@@ -15,6 +15,7 @@ from fusion.messages import MessageError, yaw_of
 
 UNMEASURED = 1e6  # variance of an axis nobody measured: large, yet finite, so that a filter can invert it
 _CERTAIN = 1e-9  # rad^2; a pose set "exactly", with variance 0, still leaves the filter something to invert
+_UNMEASURED_COVARIANCE = np.diag(np.full(6, UNMEASURED)).reshape(36)
 YAW = 35  # place of the yaw's variance in a row-major 6x6 covariance
 
 
@@ -69,9 +70,9 @@ def yaw_odometry(
 
 def yaw_covariance(variance: float) -> npt.NDArray[np.float64]:
     """Row-major 6x6 covariance with `variance` for yaw and a large one for every other axis."""
-    diagonal = np.full(6, UNMEASURED)
-    diagonal[5] = variance
-    return np.diag(diagonal).reshape(36)
+    covariance = _UNMEASURED_COVARIANCE.copy()
+    covariance[YAW] = variance
+    return covariance
 
 
 def fused_odometry(estimate: YawEstimate, frames: tuple[str, str]) -> Odometry:

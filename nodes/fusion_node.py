@@ -11,7 +11,7 @@ from typing import Any
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
 from rclpy.node import Node
-from rclpy.qos import qos_profile_sensor_data
+from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from sensor_msgs.msg import Imu
 from std_srvs.srv import Empty
@@ -30,6 +30,10 @@ from nodes.health import StreamHealth
 from nodes.parameters import NodeParameters
 from nodes.runtime import on_jump_back, run
 from nodes.transforms import transform_broadcaster, transform_of
+
+# Sensor-data profile with a queue of 50 ms of a fast gyro. A longer one would be worse: under overload the samples in
+# it grow older than the images, and every late sample makes the filter replay what came after it.
+SENSOR_QOS = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 Sample = GyroSample | OdometrySample | YawIncrement
 
@@ -83,7 +87,7 @@ class FusionNode(Node):
 
         options = QoSOverridingOptions.with_default_policies()
         callback = surviving(self, topic, self._complaints, receive)
-        self.create_subscription(kind, topic, callback, qos_profile_sensor_data, qos_overriding_options=options)
+        self.create_subscription(kind, topic, callback, SENSOR_QOS, qos_overriding_options=options)
 
     def _fuse_increment(self, increment: YawIncrement) -> None:
         self._fuse(increment, Sensor.COMPASS)
