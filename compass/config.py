@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from compass.errors import ConfigError
 from compass.parameters import ParameterSet, parameter
 
-METHODS = ("rows", "sectors")
+METHODS = ("rows", "sectors", "parallax")
 
 
 @dataclass(frozen=True)
@@ -13,7 +13,7 @@ class CompassConfig(ParameterSet):
     """Settings of `VisualCompass`; every field has a default, an unusable value raises `ConfigError`."""
 
     method: str = parameter(
-        "sectors", "how a yaw increment is found; see the methods' pages in compass/README.md", choices=METHODS
+        "parallax", "how a yaw increment is found; see the methods' pages in compass/README.md", choices=METHODS
     )
     roi_top: float = parameter(
         0.25, "upper edge of the region of interest, a fraction of image height", low=0.0, high=1.0
@@ -22,7 +22,7 @@ class CompassConfig(ParameterSet):
         0.55, "lower edge of the region of interest, a fraction of image height", low=0.0, high=1.0
     )
     columns: int = parameter(1024, "width of the strip; never more than the image has", unit="px", low=16, high=8192)
-    rows: int = parameter(64, "height of the strip; never more than the region has", unit="px", low=1, high=4096)
+    rows: int = parameter(80, "greatest height of the strip", unit="px", low=1, high=4096)
     forward_column: float = parameter(
         0.5, "column that looks along the robot's +x, a fraction of image width", low=0.0, high=1.0
     )
@@ -36,6 +36,15 @@ class CompassConfig(ParameterSet):
     )
     min_confidence: float = parameter(
         0.3, "peak correlation below which no increment is given", low=0.0, high=1.0, live=True
+    )
+
+    keyframe_spread: float = parameter(
+        4.0,
+        "a keyframe stays the reference until the parts of the panorama have moved apart by this much; 0 compares "
+        "each image with the one before",
+        unit="px",
+        low=0.0,
+        high=20.0,
     )
 
     def __post_init__(self) -> None:

@@ -1,4 +1,4 @@
-"""Shifts of sectors: how each part of the panorama moved, to a fraction of a column."""
+"""Shifts of sectors: how far each part of the panorama moved, to a fraction of a column."""
 
 from __future__ import annotations
 
@@ -8,32 +8,45 @@ from functools import lru_cache
 import numpy as np
 import numpy.typing as npt
 import scipy.fft
+from scipy.interpolate import make_interp_spline
 
-from compass.correlation import Peak, continuous_peak, pooled_spectrum, signed
+from compass.correlation import Floats, Peak, continuous_peak, pooled_spectrum, signed
 from compass.match import Search
-from compass.strip import Strip
+from compass.strip import Pixels, Strip
 
-SECTORS = 32  # Hann windows, a quarter of their width apart: each is an eighth of the circle wide
-REACH_PX = 16  # how far a sector can lie from the coarse shift, columns
+REACH_PX = 20  # how far a sector may lie from the coarse shift, columns
+TAPS = 6  # samples on either side of the best one that its interpolation uses
+FINE = 16  # interpolated samples per column
+NOISE_FLOOR_PX = 0.01  # what interpolation and JPEG leave of a shift's error, columns
 
 
 @dataclass(frozen=True, slots=True)
 class SectorShifts:
-    """What each sector says.
+    """What each sector that has an answer says; arrays of one length.
 
     Attributes
     ----------
-    centre_px : (sectors,) array
-        Column of the reference in the middle of each sector.
-    shift_px : (sectors,) array
-        Shift to the right, columns.
-    variance_px2 : (sectors,) array
-        Its variance from the image noise; infinite where the sector has no texture or no clear maximum.
+    centre_px : array
+        Column in the middle of each sector, in the reference.
+    shift_px, sigma_px : array
+        Shift to the right and its standard deviation from image noise, columns.
+    correlation : array
+        Normalised peak correlation, -1..1.
+    energy : array
+        Sum of squared grey values, the sector's weight in an average.
     """
 
-    centre_px: npt.NDArray[np.float64]
-    shift_px: npt.NDArray[np.float64]
-    variance_px2: npt.NDArray[np.float64]
+    centre_px: Floats
+    shift_px: Floats
+    sigma_px: Floats
+    correlation: Floats
+    energy: Floats
+
+    @property
+    def mean_correlation(self) -> float:
+        """Correlation of all sectors together, each where it matches best."""
+        total = float(self.energy.sum())
+        return float(self.correlation @ self.energy) / total if total > 0.0 else 0.0
 
 
 def coarse_shift(reference: Strip, current: Strip, search: Search) -> Peak:
@@ -41,47 +54,96 @@ def coarse_shift(reference: Strip, current: Strip, search: Search) -> Peak:
     spectrum = pooled_spectrum(reference, current)
     columns = reference.columns
     values = scipy.fft.irfft(spectrum, columns)
-    lags = np.arange(columns)
-    inside = np.abs(signed(lags - search.expected_px, columns)) <= search.reach_px + 1.0
-    best = int(np.where(inside, values, -np.inf).argmax())
-    anywhere = int(values.argmax())
-    if values[best] < 0.5 * values[anywhere]:
-        best = anywhere
+    best = anywhere = int(values.argmax())
+    if abs(float(signed(best - search.expected_px, columns))) > search.reach_px + 1.0:
+        outside = np.abs(signed(np.arange(columns) - search.expected_px, columns)) > search.reach_px + 1.0
+        best = int(np.where(outside, -np.inf, values).argmax())
+        if values[best] < 0.5 * values[anywhere]:
+            best = anywhere
     peak = continuous_peak(spectrum, columns, float(best))
     return Peak(float(signed(peak.shift_px, columns)), peak.value, peak.curvature)
 
 
-def local_shifts(reference: Strip, current: Strip, coarse: Peak) -> SectorShifts:
-    """Local sub-pixel shifts around a coarse one."""
+def local_shifts(reference: Strip, current: Strip, coarse_px: float, sectors: int, per_circle: float) -> SectorShifts:
+    """Sub-pixel shifts of overlapping sectors around a coarse one.
+
+    Parameters
+    ----------
+    coarse_px : float
+        Shift to the right around which to look, columns.
+    sectors : int
+        How many, evenly spread.
+    per_circle : float
+        How many of their width make a full circle.
+    """
     columns = reference.columns
-    windows = sector_windows(columns)
-    whole = round(coarse.shift_px)
-    a = reference.pixels
-    reach = min(REACH_PX, columns // 8)
-    extended = np.take(current.pixels, np.arange(-reach, columns + reach) + whole, axis=1, mode="wrap")
-    products = np.stack([np.einsum("rx,rx->x", a, extended[:, lag : lag + columns]) for lag in range(2 * reach + 1)])
-    energy = np.einsum("rx,rx->x", extended, extended)
-    energies = np.stack([energy[lag : lag + columns] for lag in range(2 * reach + 1)])
-    own = windows @ np.einsum("rx,rx->x", a, a)
-    other = energies @ windows.T
-    scores = (products @ windows.T) / np.sqrt(np.maximum(own * other, 1e-6))
+    windows = sector_windows(columns, sectors, per_circle)
+    reach = min(REACH_PX, columns // 4)
+    whole = round(coarse_px)
+    scores, energy = _lag_scores(_halved(reference.pixels), _halved(current.pixels), windows, whole, reach)
     best = scores.argmax(axis=0)
-    inner = np.clip(best, 1, 2 * reach - 1)
-    at = np.arange(SECTORS)
-    left, mid, right = scores[inner - 1, at], scores[inner, at], scores[inner + 1, at]
+    lag, height, bend = _interpolated_peaks(scores, np.clip(best, TAPS, 2 * reach - TAPS))
+    inside = (best >= TAPS) & (best <= 2 * reach - TAPS) & (bend < 0.0) & (energy > 1e-3 * energy.mean())
+    # Cramer-Rao: noise energy over gradient energy; the gradient's is the curvature of the correlation
+    pixels = windows.sum(axis=1) * (reference.pixels.shape[0] // 2 or 1)
+    noise = 2.0 * np.clip(1.0 - height, 1e-5, None) / (pixels * np.where(inside, -bend, 1.0))
+    centre = columns / sectors * np.arange(sectors)
+    return SectorShifts(
+        centre[inside],
+        (whole - reach + lag)[inside],
+        np.sqrt(noise + NOISE_FLOOR_PX**2)[inside],
+        height[inside],
+        energy[inside],
+    )
+
+
+def _halved(pixels: Pixels) -> Pixels:
+    """Pairs of rows averaged: the lags' cost is in the rows, their resolution in the columns."""
+    rows = pixels.shape[0] // 2 * 2
+    return 0.5 * (pixels[0:rows:2] + pixels[1:rows:2]) if rows else pixels
+
+
+def _lag_scores(reference: Pixels, current: Pixels, windows: Pixels, whole: int, reach: int) -> tuple[Pixels, Pixels]:
+    """Normalised correlation of each windowed sector for each whole lag around `whole`.
+
+    Returns
+    -------
+    (2 * reach + 1, sectors) and (sectors,) arrays
+        The scores, and each sector's energy in the reference.
+    """
+    columns = reference.shape[1]
+    lags = range(2 * reach + 1)
+    extended = np.take(current, np.arange(-reach, columns + reach) + whole, axis=1, mode="wrap")
+    products = np.stack([np.einsum("rx,rx->x", reference, extended[:, lag : lag + columns]) for lag in lags])
+    energies = np.lib.stride_tricks.sliding_window_view(np.einsum("rx,rx->x", extended, extended), columns)
+    own = windows @ np.einsum("rx,rx->x", reference, reference)
+    scale = np.sqrt(np.maximum(own * (energies @ windows.T), np.float32(1e-6)))
+    return (products @ windows.T) / scale, own
+
+
+def _interpolated_peaks(scores: Pixels, best: npt.NDArray[np.intp]) -> tuple[Floats, Floats, Floats]:
+    """Maximum of the scores between their samples: lag, height and curvature for each sector."""
+    sector = np.arange(scores.shape[1])
+    around = scores[best[:, None] + np.arange(-TAPS, TAPS + 1), sector[:, None]]
+    fine = around @ _spline_weights()
+    top = np.clip(fine.argmax(axis=1), 1, fine.shape[1] - 2)
+    left, mid, right = fine[sector, top - 1], fine[sector, top], fine[sector, top + 1]
     bend = left - 2.0 * mid + right
-    offset = np.where(bend < 0.0, 0.5 * (left - right) / np.where(bend < 0.0, bend, -1.0), 0.0)
-    clear = (best == inner) & (bend < 0.0)
-    shift = whole + inner - reach + np.clip(offset, -0.5, 0.5)
-    variance = np.where(clear, np.maximum(1.0 - mid, 1e-6) / np.maximum(-bend, 1e-9) / 64.0, np.inf)
-    centre = columns / SECTORS * np.arange(SECTORS)
-    return SectorShifts(centre, shift.astype(np.float64), variance.astype(np.float64))
+    offset = np.clip(0.5 * (left - right) / np.where(bend < 0.0, bend, -np.inf), -0.5, 0.5)
+    return best - 1.0 + (top + offset) / FINE, mid, bend * FINE**2
+
+
+@lru_cache(maxsize=1)
+def _spline_weights() -> Floats:
+    """(2 * TAPS + 1, 2 * FINE + 1) weights of a quintic spline through the samples, from -1 to 1 column."""
+    samples = np.arange(-TAPS, TAPS + 1)
+    spline = make_interp_spline(samples, np.eye(samples.size), k=5)
+    return np.asarray(spline(np.arange(-FINE, FINE + 1) / FINE), dtype=np.float64).T
 
 
 @lru_cache(maxsize=8)
-def sector_windows(columns: int) -> npt.NDArray[np.float32]:
-    """(sectors, columns) circular Hann windows, each an eighth of the circle wide."""
-    centre = columns / SECTORS * np.arange(SECTORS)
-    distance = signed(np.arange(columns)[None, :] - centre[:, None], columns) / (columns / 8.0)
-    windows = np.where(np.abs(distance) < 0.5, np.cos(np.pi * distance) ** 2, 0.0)
-    return windows.astype(np.float32)
+def sector_windows(columns: int, sectors: int, per_circle: float) -> Pixels:
+    """(sectors, columns) circular Hann windows, evenly spread."""
+    centre = columns / sectors * np.arange(sectors)
+    distance = signed(np.arange(columns)[None, :] - centre[:, None], columns) / (columns / per_circle)
+    return np.where(np.abs(distance) < 0.5, np.cos(np.pi * distance) ** 2, 0.0).astype(np.float32)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -42,12 +43,16 @@ class Match:
         Normalised peak correlation, 0..1.
     status : CompassStatus
         OK, or why the shift must not be used.
+    spread_px : float
+        How far the parts of the panorama moved apart, columns; infinite where a method does not know, which makes
+        every image the next one's reference.
     """
 
     shift_px: float
     variance_px2: float
     confidence: float
     status: CompassStatus = CompassStatus.OK
+    spread_px: float = math.inf
 
 
 Method = Callable[[Strip, Strip, Search], Match]

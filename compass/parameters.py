@@ -60,7 +60,8 @@ class ParameterSpec:
                 raise ConfigError(f"{self.name}: {value!r} is outside {low:g} .. {high:g} {self.unit}".rstrip())
         if self.choices and value not in self.choices:
             raise ConfigError(f"{self.name}: {value!r} is unknown; one of: {', '.join(self.choices)}")
-        return kind(value)
+        checked: Value = value
+        return checked
 
 
 def parameter(

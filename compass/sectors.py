@@ -8,6 +8,9 @@ from compass.local import coarse_shift, local_shifts
 from compass.match import Match, Search
 from compass.strip import Strip
 
+SECTORS = 32  # Hann windows an eighth of the circle wide, a quarter of that apart
+PER_CIRCLE = 8.0
+
 
 def match_sectors(reference: Strip, current: Strip, search: Search) -> Match:
     """Coarse shift of all rows pooled, a sub-pixel shift in each overlapping sector, the median of these.
@@ -16,14 +19,12 @@ def match_sectors(reference: Strip, current: Strip, search: Search) -> Match:
     one side, the median is not.
     """
     coarse = coarse_shift(reference, current, search)
-    sectors = local_shifts(reference, current, coarse)
-    good = np.isfinite(sectors.variance_px2)
-    if not good.any():
+    sectors = local_shifts(reference, current, coarse.shift_px, SECTORS, PER_CIRCLE)
+    if not sectors.shift_px.size:
         return Match(coarse.shift_px, np.inf, 0.0)
-    shifts = sectors.shift_px[good]
-    median = float(np.median(shifts))
-    spread = 1.4826 * float(np.median(np.abs(shifts - median)))
-    # the median of n normal numbers has pi / 2 times the variance of their mean; half-overlapping Hann windows are
-    # about two thirds independent
-    variance = 0.5 * np.pi * 1.5 * max(spread**2, float(np.median(sectors.variance_px2[good]))) / shifts.size
-    return Match(median, variance, coarse.value)
+    median = float(np.median(sectors.shift_px))
+    spread = 1.4826 * float(np.median(np.abs(sectors.shift_px - median)))
+    # a median has pi / 2 times the variance of a mean; every fourth sector is independent
+    independent = max(sectors.shift_px.size * PER_CIRCLE / SECTORS, 1.0)
+    variance = 0.5 * np.pi * max(spread**2, float(np.median(sectors.sigma_px**2))) / independent
+    return Match(median, variance, float(np.clip(coarse.value, 0.0, 1.0)))

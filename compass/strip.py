@@ -55,8 +55,9 @@ def prepare_strip(t_ns: int, image: Image, config: CompassConfig, encoding: str 
     """
     grey = to_grey(_region(image, config), encoding)
     height, width = grey.shape
-    rows, columns = min(config.rows, height), min(config.columns, width)
-    small: Pixels = grey.astype(np.float32)
+    merged = -(-height // config.rows)  # whole rows merged into one: exact, and quick
+    rows, columns = height // merged, min(config.columns, width)
+    small: Pixels = grey[: rows * merged].astype(np.float32)
     if (rows, columns) != (height, width):
         small = np.asarray(cv2.resize(small, (columns, rows), interpolation=cv2.INTER_AREA), np.float32)
     if grey.dtype == np.uint16:

@@ -2,26 +2,26 @@
 
 from __future__ import annotations
 
-import logging
 import math
 from collections import Counter
 
 import numpy as np
 
+from compass.angles import wrap_angle
 from compass.config import CompassConfig
 from compass.image import Image
 from compass.increment import CompassStatus, YawIncrement
 from compass.match import Match, Method, Search
+from compass.parallax import match_parallax
 from compass.rows import match_rows
 from compass.sectors import match_sectors
 from compass.strip import Strip, prepare_strip
 
-METHODS: dict[str, Method] = {"rows": match_rows, "sectors": match_sectors}
+METHODS: dict[str, Method] = {"rows": match_rows, "sectors": match_sectors, "parallax": match_parallax}
 
 MIN_CONTRAST = 2.0  # grey values of 255; camera noise alone leaves less in the strip
 FROZEN_NS = 500_000_000  # a camera never gives the very same image for so long
-
-log = logging.getLogger(__name__)
+GIVE_UP_NS = 1_000_000_000  # a view that matches no keyframe for so long is a new one
 
 
 class VisualCompass:
@@ -58,14 +58,14 @@ class VisualCompass:
     def reset(self) -> None:
         """Forget all images and start again at yaw 0."""
         self.status = CompassStatus.NOT_STARTED
-        self._reference: Strip | None = None
-        self._last: Strip | None = None
-        self._still_since_ns = 0
-        self._reference_yaw = 0.0
-        self._reference_variance = 0.0
         self.yaw = 0.0
         self.yaw_variance = 0.0
-        self._turn = 0.0  # from reference to the last good image, unwrapped, rad
+        self._keyframe: Strip | None = None  # what images are compared with, and the yaw there
+        self._keyframe_yaw = 0.0
+        self._keyframe_variance = 0.0
+        self._last: Strip | None = None  # the last image that gave an increment, or the keyframe
+        self._newest: Strip | None = None  # the last image whatever came of it
+        self._still_since_ns = 0
 
     def update(self, t_ns: int, image: Image, encoding: str = "") -> YawIncrement | None:
         """Take in one panorama.
@@ -94,41 +94,65 @@ class VisualCompass:
         return increment
 
     def _update(self, t_ns: int, image: Image, encoding: str) -> YawIncrement | None:
-        if self._last is not None and t_ns <= self._last.t_ns:
+        if self._newest is not None and t_ns <= self._newest.t_ns:
             self.status = CompassStatus.BACKWARD_STAMP
             return None
         strip = prepare_strip(t_ns, image, self.config, encoding)
-        reference = self._reference
-        self.status = self._judge(strip)
-        if self.status is not CompassStatus.OK or reference is None:
+        self.status = self._judge_strip(strip)
+        if self.status is not CompassStatus.OK or self._last is None or self._keyframe is None:
             return None
-        match = METHODS[self.config.method](reference, strip, self._search(reference, strip))
+        match = self._compare(self._keyframe, strip)
+        if self._keyframe is not self._last and self._lost(match):
+            self._move_keyframe()
+            match = self._compare(self._keyframe, strip)
         self.status = self._judge_match(match)
         if self.status is not CompassStatus.OK:
+            self._give_up_keyframe(strip)
             return None
-        return self._accept(reference, strip, match)
+        return self._accept(strip, match)
 
-    def _judge(self, strip: Strip) -> CompassStatus:
-        """Whether the strip can be compared at all; a first one becomes the reference."""
-        last, self._last = self._last, strip
-        if last is None or strip.image_shape[:2] != last.image_shape[:2]:
-            self._reference, self._turn = strip, 0.0
-            self._reference_yaw, self._reference_variance = self.yaw, self.yaw_variance
+    def _judge_strip(self, strip: Strip) -> CompassStatus:
+        """Whether the strip can be compared at all; the first of its size becomes the keyframe."""
+        newest, self._newest = self._newest, strip
+        if newest is None or strip.image_shape[:2] != newest.image_shape[:2]:
             self._still_since_ns = strip.t_ns
-            return CompassStatus.FIRST_FRAME if last is None else CompassStatus.SIZE_CHANGED
+            self._start_from(strip)
+            return CompassStatus.FIRST_FRAME if newest is None else CompassStatus.SIZE_CHANGED
         if strip.contrast < MIN_CONTRAST:
             return CompassStatus.NO_TEXTURE
-        if strip.contrast != last.contrast or not np.array_equal(strip.pixels, last.pixels):
+        if self._keyframe is None:
+            self._start_from(strip)
+            return CompassStatus.FIRST_FRAME
+        if strip.contrast != newest.contrast or not np.array_equal(strip.pixels, newest.pixels):
             self._still_since_ns = strip.t_ns
         elif strip.t_ns - self._still_since_ns > FROZEN_NS:
             return CompassStatus.FROZEN
         return CompassStatus.OK
 
-    def _search(self, reference: Strip, strip: Strip) -> Search:
-        columns = reference.columns
-        per_rad = columns / math.tau
-        reach = self.config.max_yaw_rate * (strip.t_ns - reference.t_ns) * 1e-9 * per_rad
-        return Search(0.0, reach, self.config.forward_column * columns)
+    def _start_from(self, strip: Strip) -> None:
+        """Compare with this strip from now on; what turned meanwhile is not known."""
+        self._keyframe = self._last = strip if strip.contrast >= MIN_CONTRAST else None
+        self._keyframe_yaw, self._keyframe_variance = self.yaw, self.yaw_variance
+
+    def _compare(self, keyframe: Strip, strip: Strip) -> Match:
+        columns = keyframe.columns
+        last = self._last or keyframe
+        reach = self.config.max_yaw_rate * (strip.t_ns - last.t_ns) * 1e-9
+        search = Search(
+            (self.yaw - self._keyframe_yaw) * columns / math.tau,
+            reach * columns / math.tau,
+            self.config.forward_column * columns,
+        )
+        return METHODS[self.config.method](keyframe, strip, search)
+
+    def _lost(self, match: Match) -> bool:
+        """Whether the keyframe is too far behind to compare with."""
+        return match.spread_px > self.config.keyframe_spread or self._judge_match(match) is not CompassStatus.OK
+
+    def _move_keyframe(self) -> None:
+        """Let the last good image be the keyframe: its increment from the old one has been given."""
+        self._keyframe = self._last
+        self._keyframe_yaw, self._keyframe_variance = self.yaw, self.yaw_variance
 
     def _judge_match(self, match: Match) -> CompassStatus:
         if match.status is not CompassStatus.OK:
@@ -137,11 +161,19 @@ class VisualCompass:
             return CompassStatus.LOW_CONFIDENCE
         return CompassStatus.OK
 
-    def _accept(self, reference: Strip, strip: Strip, match: Match) -> YawIncrement:
-        per_px = math.tau / reference.columns
+    def _give_up_keyframe(self, strip: Strip) -> None:
+        """After a while without a match the place is taken to be another one."""
+        if self._last is not None and strip.t_ns - self._last.t_ns > GIVE_UP_NS:
+            self._start_from(strip)
+
+    def _accept(self, strip: Strip, match: Match) -> YawIncrement:
+        keyframe = self._keyframe or strip
+        per_px = math.tau / keyframe.columns
         turn = match.shift_px * per_px
         variance = match.variance_px2 * per_px**2
-        self.yaw = self._reference_yaw + turn
-        self.yaw_variance = self._reference_variance + variance
-        self._reference, self._reference_yaw, self._reference_variance = strip, self.yaw, self.yaw_variance
-        return YawIncrement(reference.t_ns, strip.t_ns, turn, variance, min(max(match.confidence, 0.0), 1.0))
+        self.yaw += wrap_angle(self._keyframe_yaw + turn - self.yaw)
+        self.yaw_variance = self._keyframe_variance + variance
+        self._last = strip
+        if match.spread_px > self.config.keyframe_spread:
+            self._move_keyframe()
+        return YawIncrement(keyframe.t_ns, strip.t_ns, turn, variance, min(max(match.confidence, 0.0), 1.0))
