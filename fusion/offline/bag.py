@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
@@ -117,6 +117,31 @@ class Bag(AbstractContextManager["Bag"]):
             connection, record_ns, raw = item
             stamp_ns = self._guarded(stamp_of, raw, self._reader.is2)
             yield Message(connection.topic, connection.msgtype, record_ns, stamp_ns, raw)
+
+    @property
+    def start_ns(self) -> int:
+        """When the recorder wrote the first message, ns."""
+        return self._reader.start_time
+
+    def replay(self, topics: Sequence[str], from_ns: int = 0) -> Iterator[Message]:
+        """Messages of any type written at `from_ns` or later, as CDR: ready to be published in ROS 2.
+
+        Parameters
+        ----------
+        topics : sequence of str
+            Names of topics; their `Message.stamp_ns` is 0, as not every type has one.
+        from_ns : int
+            Record time to begin at, ns.
+        """
+        connections = [connection for connection in self._reader.connections if connection.topic in topics]
+        if not connections:
+            return
+        recorded = self._reader.messages(connections, start=max(from_ns, self.start_ns))
+        while (item := self._guarded(next, recorded, None)) is not None:
+            connection, record_ns, raw = item
+            if not self._reader.is2:
+                raw = self._guarded(self._reader.typestore.ros1_to_cdr, raw, connection.msgtype)
+            yield Message(connection.topic, connection.msgtype, record_ns, 0, bytes(raw))
 
     def deserialize(self, message: Message) -> Any:
         """The message as a record with the fields of its ROS type."""

@@ -98,6 +98,44 @@ def simulate(experiment: str | None, out: Path | None, seed: int, config: Path |
 
 
 @cli.command()
+@click.argument("what", nargs=-1)
+@click.option("--seeds", type=click.IntRange(1), default=1, show_default=True, help="Drives of each experiment.")
+@click.option("--json", "json_file", type=_PATH, metavar="FILE", help="Write every outcome as JSON.")
+@click.option(
+    "--metric",
+    type=click.Choice(["all", "final", "rms", "worst", "per_m", "per_turn"]),
+    default="all",
+    show_default=True,
+    help="All in a long table, or one in a short.",
+)
+@click.option("--workers", type=click.IntRange(1), default=None, help="Processes  [default: one per core]")
+@click.option("--config", type=_PATH, metavar="YAML", help="Parameters in ROS form.")
+@_topic_options
+def evaluate(
+    what: tuple[str, ...],
+    seeds: int,
+    json_file: Path | None,
+    metric: str,
+    workers: int | None,
+    config: Path | None,
+    image: str | None,
+    gyro: str | None,
+    odometry: str | None,
+    truth: str | None,
+) -> None:
+    """Score every compass, each sensor and the fused yaw.
+
+    WHAT are names of experiments and bags with ground truth; without, all experiments.
+    """
+    from fusion.offline.evaluation import run_evaluation
+    from fusion.offline.topics import TopicRequest
+    from fusion.settings import load_settings
+
+    request = TopicRequest(image, gyro, odometry, truth)
+    click.echo(run_evaluation(what, seeds, load_settings(config), request, metric, json_file, workers))
+
+
+@cli.command()
 @click.option(
     "--out", type=_PATH, metavar="DIR", default=Path("demo"), show_default=True, help="Folder for bag and results."
 )

@@ -1,0 +1,212 @@
+"""``visual-compass evaluate``: every method on every experiment, or on a bag that holds the truth."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, replace
+from multiprocessing import get_context
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from compass import VisualCompass, YawIncrement
+from compass.config import METHODS
+from fusion.offline.bag import Bag, BagError
+from fusion.offline.console import progress_bar
+from fusion.offline.recording import Floats, Frame, Progress, Recording, TruthTrack, read_recording
+from fusion.offline.run import FusedRun, fuse_recording
+from fusion.offline.scores import COMPASS, FUSED, Score, YawTrack, errors, score, yaw_at, yaw_tracks
+from fusion.offline.simulated import SimulatedRecording
+from fusion.offline.topics import TopicRequest, choose_topics
+from fusion.settings import Settings
+from fusion.simulation import EXPERIMENTS, simulate
+from fusion.simulation.drive import SEEDS_PER_WORLD
+
+
+@dataclass(frozen=True, slots=True)
+class Honesty:
+    """Whether claimed variances are true: of increments for a compass, of the yaw for the filter.
+
+    Attributes
+    ----------
+    ratio : float
+        Mean of squared error over variance; 1 is honest.
+    coverage : float
+        Share of errors inside the claimed 95 % interval.
+    count : int
+        Number of claims.
+    """
+
+    ratio: float
+    coverage: float
+    count: int
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """One source on one drive.
+
+    Attributes
+    ----------
+    drive : str
+        Experiment or bag.
+    seed : int
+        Of the simulation; 0 for a bag.
+    source : str
+        Method of the compass, a sensor alone, or the fused yaw.
+    score : Score
+        Its errors, rad.
+    distance, turns : float
+        Way driven, m, and turning done, full turns; NaN where unknown.
+    honesty : Honesty or None
+        None where nothing is claimed.
+    given : float
+        Share of images with an increment; NaN where it is no compass.
+    """
+
+    drive: str
+    seed: int
+    source: str
+    score: Score
+    distance: float
+    turns: float
+    honesty: Honesty | None = None
+    given: float = math.nan
+
+
+class _Watched:
+    """A recording whose frames are shown to further compasses on their way: every method sees the same frames."""
+
+    def __init__(self, recording: Recording, compasses: Mapping[str, VisualCompass]) -> None:
+        self._recording = recording
+        self._compasses = compasses
+        self.gyro, self.odometry, self.truth = recording.gyro, recording.odometry, recording.truth
+        self.yaws: dict[str, list[tuple[int, float]]] = {name: [] for name in compasses}
+        self.increments: dict[str, list[YawIncrement]] = {name: [] for name in compasses}
+        self.frame_count = recording.frame_count
+
+    def frames(self) -> Iterator[Frame]:
+        for frame in self._recording.frames():
+            for name, compass in self._compasses.items():
+                increment = compass.update(frame.t_ns, frame.image, frame.encoding)
+                if increment is not None:
+                    self.increments[name].append(increment)
+                if increment is not None or not self.yaws[name]:
+                    self.yaws[name].append((frame.t_ns, compass.yaw))
+            yield frame
+
+
+def evaluate_recording(
+    drive: str, seed: int, recording: Recording, settings: Settings, progress: Progress = lambda part: None
+) -> list[Outcome]:
+    """Score every method of the compass, each sensor alone and the fused yaw on one recording with truth."""
+    truth = recording.truth
+    if truth is None:
+        raise BagError(f"{drive}: no ground truth; name its topic with --truth-topic")
+    configs = {name: replace(settings.compass, method=name) for name in METHODS}
+    watched = _Watched(recording, {name: VisualCompass(config) for name, config in configs.items()})
+    run = fuse_recording(watched, settings, progress)
+    tracks = {name: track for name, track in yaw_tracks(run).items() if name != COMPASS}
+    for name, yaws in watched.yaws.items():
+        if len(yaws) > 1:
+            tracks[name] = YawTrack(np.array([t for t, _ in yaws], np.int64), np.array([yaw for _, yaw in yaws]))
+    distance, turns = _way(run, truth)
+    outcomes = []
+    for name, track in tracks.items():
+        found = score(track, truth)
+        if found:
+            honesty = _fused_honesty(track, truth) if name == FUSED else _increment_honesty(watched, name, truth)
+            given = len(watched.increments[name]) / max(watched.frame_count - 1, 1) if name in METHODS else math.nan
+            outcomes.append(Outcome(drive, seed, name, found, distance, turns, honesty, given))
+    return outcomes
+
+
+def _way(run: FusedRun, truth: TruthTrack) -> tuple[float, float]:
+    """Way and turning: metres by the tracks' speed, full turns by the truth, seen once a second against its noise."""
+    seconds = np.arange(truth.t_ns[0], truth.t_ns[-1] + 1, 1_000_000_000)
+    turns = float(np.abs(np.diff(yaw_at(truth, seconds))).sum() / math.tau)
+    if not run.odometry.t_ns.size:
+        return math.nan, turns
+    dt = np.diff(run.odometry.t_ns) * 1e-9
+    return float(np.sum(dt * np.abs(run.odometry.speed[1:]))), turns
+
+
+def _increment_honesty(watched: _Watched, name: str, truth: TruthTrack) -> Honesty | None:
+    increments = watched.increments.get(name)
+    if not increments:
+        return None
+    ends, starts = (
+        yaw_at(truth, np.array([getattr(one, key) for one in increments], np.int64)) for key in ("t_ns", "t_ref_ns")
+    )
+    error = np.array([one.yaw for one in increments]) - (ends - starts)
+    error = (error + math.pi) % math.tau - math.pi
+    return _honesty(error, np.array([one.variance for one in increments]))
+
+
+def _fused_honesty(track: YawTrack, truth: TruthTrack) -> Honesty | None:
+    error = errors(track, truth)
+    if error is None or error.sigma is None:
+        return None
+    return _honesty(error.yaw[1:], error.sigma[1:] ** 2)
+
+
+def _honesty(error: Floats, variance: Floats) -> Honesty:
+    squared = error**2 / variance
+    return Honesty(float(squared.mean()), float(np.mean(squared < 1.96**2)), int(squared.size))
+
+
+# ---------------------------------------------------------------- what to evaluate
+
+
+def evaluate_experiments(names: Sequence[str], seeds: int, settings: Settings, workers: int) -> list[Outcome]:
+    """All methods on the named experiments, each with `seeds` seeds; the same seeds give the same outcomes."""
+    _render(names, seeds)
+    tasks = [(name, seed, settings) for name in names for seed in range(seeds)]
+    outcomes: list[Outcome] = []
+    with progress_bar("evaluating") as progress:
+        for count, found in enumerate(_map(tasks, workers), start=1):
+            outcomes += found
+            progress(count / len(tasks))
+    return outcomes
+
+
+def _map(tasks: Sequence[tuple[str, int, Settings]], workers: int) -> Iterator[list[Outcome]]:
+    if workers == 1:
+        yield from map(_evaluate_experiment, tasks)
+        return
+    # Fresh processes: a fork would copy the locks of threads that it does not copy.
+    with ProcessPoolExecutor(workers, get_context("spawn"), cv2.setNumThreads, (1,)) as pool:
+        try:
+            yield from pool.map(_evaluate_experiment, tasks)
+        finally:
+            pool.shutdown(cancel_futures=True)
+
+
+def _evaluate_experiment(task: tuple[str, int, Settings]) -> list[Outcome]:
+    name, seed, settings = task
+    recording = SimulatedRecording(simulate(name, seed), settings.imu)
+    experiment = EXPERIMENTS[name]
+    outcomes = evaluate_recording(name, seed, recording, settings)
+    return [replace(outcome, distance=experiment.distance, turns=experiment.turns) for outcome in outcomes]
+
+
+def _render(names: Sequence[str], seeds: int) -> None:
+    """Bring the frames of every world into the cache, with all cores on each."""
+    firsts = range(0, seeds, SEEDS_PER_WORLD)
+    total = len(names) * len(firsts)
+    with progress_bar("rendering") as progress:
+        for count, (name, seed) in enumerate((name, seed) for name in names for seed in firsts):
+            simulate(name, seed).prepare(lambda done, of, count=count: progress((count + done / of) / total))  # type: ignore[misc]
+
+
+def evaluate_bag(path: Path, settings: Settings, request: TopicRequest) -> list[Outcome]:
+    """All methods on a user's bag with a topic of truth."""
+    with Bag(path) as bag:
+        choice = choose_topics(bag, settings.topics, request)
+        with progress_bar("reading samples") as progress:
+            recording = read_recording(bag, choice, settings.imu, settings.compass.columns, progress)
+        with progress_bar(f"evaluating {path.name}") as progress:
+            return evaluate_recording(str(path), 0, recording, settings, progress)

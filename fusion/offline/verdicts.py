@@ -1,0 +1,216 @@
+"""Outcomes of an evaluation in one table, in a few sentences, and as JSON."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from fusion.offline.console import table
+from fusion.offline.evaluate import Outcome
+from fusion.offline.scores import FUSED, GYRO, TRACKS
+from fusion.simulation import EXPERIMENTS
+
+PAPER = "rows"  # the paper's method
+METRICS = ("final", "rms", "worst", "per_m", "per_turn")
+
+
+@dataclass(frozen=True, slots=True)
+class Summary:
+    """One source on one drive over all seeds; angles in deg.
+
+    Attributes
+    ----------
+    final : float
+        Error at the end: signed for a single seed, else root mean square over the seeds.
+    rms, worst : float
+        Root mean square and largest magnitude over all times and seeds.
+    per_m, per_turn : float
+        `final` over the way and over the turning; NaN where there is less than half a metre or half a turn.
+    honesty, coverage : float
+        Squared error over claimed variance, and share inside the claimed 95 %; NaN where nothing is claimed.
+    given : float
+        Share of images with an increment; NaN where it is no compass.
+    """
+
+    final: float
+    rms: float
+    worst: float
+    per_m: float
+    per_turn: float
+    honesty: float
+    coverage: float
+    given: float
+
+
+def summarise_outcomes(outcomes: Sequence[Outcome]) -> dict[str, dict[str, Summary]]:
+    """Summary by drive and source, in the order of the outcomes."""
+    groups: dict[str, dict[str, list[Outcome]]] = {}
+    for outcome in outcomes:
+        groups.setdefault(outcome.drive, {}).setdefault(outcome.source, []).append(outcome)
+    return {
+        drive: {source: _summary(group) for source, group in sorted(sources.items(), key=_place)}
+        for drive, sources in groups.items()
+    }
+
+
+def _place(item: tuple[str, list[Outcome]]) -> int:
+    """Methods of the compass first, the fused yaw last."""
+    return {GYRO: 1, TRACKS: 2, FUSED: 3}.get(item[0], 0)
+
+
+def _summary(group: Sequence[Outcome]) -> Summary:
+    finals = [outcome.score.final for outcome in group]
+    final = math.degrees(finals[0] if len(finals) == 1 else _rms(finals))
+    claims = [outcome.honesty for outcome in group if outcome.honesty]
+    weights = [claim.count for claim in claims]
+    distance, turns = group[0].distance, group[0].turns
+    return Summary(
+        final=final,
+        rms=math.degrees(_rms(outcome.score.rms for outcome in group)),
+        worst=math.degrees(max(outcome.score.worst for outcome in group)),
+        per_m=final / distance if distance > 0.5 else math.nan,
+        per_turn=final / turns if turns > 0.5 else math.nan,
+        honesty=float(np.average([claim.ratio for claim in claims], weights=weights)) if claims else math.nan,
+        coverage=float(np.average([claim.coverage for claim in claims], weights=weights)) if claims else math.nan,
+        given=float(np.mean([outcome.given for outcome in group])),
+    )
+
+
+def _rms(values: Iterable[float]) -> float:
+    return float(np.sqrt(np.mean(np.square(list(values)))))
+
+
+def full_table(summaries: dict[str, dict[str, Summary]], default: str) -> str:
+    """All metrics: a line per drive and source, the paper's published figure in front."""
+    header = ("drive", "source", "final", "RMS", "worst", "deg/m", "deg/turn", "err^2/var", "in 95 %", "given")
+    rows = []
+    for drive, sources in summaries.items():
+        published = EXPERIMENTS[drive].published_deg if drive in EXPERIMENTS else None
+        if published is not None:
+            rows.append([drive, "paper, published", f"{published:.2f}", *[""] * 7])
+        for source, one in sources.items():
+            rows.append([drive, _label(source, default), *_cells(one)])
+    previous = ""
+    for row in rows:
+        previous, row[0] = row[0], "" if row[0] == previous else row[0]
+    return table(header, rows, 2)
+
+
+def _cells(one: Summary) -> list[str]:
+    numbers = [_number(value, 2) for value in (one.final, one.rms, one.worst)]
+    numbers += [_number(value, 3) for value in (one.per_m, one.per_turn)]
+    return [*numbers, _number(one.honesty, 2), *(_number(100.0 * value, 0) for value in (one.coverage, one.given))]
+
+
+def short_table(summaries: dict[str, dict[str, Summary]], default: str, metric: str) -> str:
+    """One metric: a line per drive, a column per source."""
+    sources = list(dict.fromkeys(source for found in summaries.values() for source in found))
+    header = ["drive", "published", *(_label(source, default) for source in sources)]
+    rows = []
+    for drive, found in summaries.items():
+        published = EXPERIMENTS[drive].published_deg if drive in EXPERIMENTS else None
+        figure = "" if published is None or metric != "final" else f"{published:.2f}"
+        digits = 3 if metric.startswith("per_") else 2
+        values = [_number(getattr(found[source], metric), digits) if source in found else "" for source in sources]
+        rows.append([drive, figure, *values])
+    return table(header, rows)
+
+
+def _label(source: str, default: str) -> str:
+    """Methods by name, with what they are to the reader."""
+    roles = [role for role, name in (("paper's", PAPER), ("default", default)) if name == source]
+    return f"{source} ({', '.join(roles)})" if roles else source
+
+
+def _number(value: float, digits: int) -> str:
+    return f"{value:.{digits}f}" if math.isfinite(value) else ""
+
+
+def verdict_lines(summaries: dict[str, dict[str, Summary]], default: str) -> list[str]:
+    """What the table says of the aims: default against the paper's method, fused against the best single sensor."""
+    return [
+        line
+        for line in (
+            _paper_line(summaries, default),
+            _fused_line(summaries, default),
+            _honesty_line(summaries, default),
+        )
+        if line
+    ]
+
+
+def _paper_line(summaries: dict[str, dict[str, Summary]], default: str) -> str:
+    ratios = {
+        drive: abs(found[default].final / found[PAPER].final)
+        for drive, found in summaries.items()
+        if PAPER in found and default in found and abs(found[PAPER].final) > 2.0
+    }
+    if not ratios:
+        return ""
+    worst = max(ratios, key=ratios.__getitem__)
+    return (
+        f"final error of {default} over the paper's method, where that errs by more than 2 deg ({len(ratios)} drives):"
+        f" {_median(ratios):.3f} in the median, {ratios[worst]:.3f} at worst in {worst}"
+    )
+
+
+def _fused_line(summaries: dict[str, dict[str, Summary]], default: str) -> str:
+    ratios = {}
+    for drive, found in summaries.items():
+        singles = [found[source].rms for source in (default, GYRO, TRACKS) if source in found]
+        if singles and FUSED in found and min(singles) > 0.0:
+            ratios[drive] = found[FUSED].rms / min(singles)
+    if not ratios:
+        return ""
+    worst = max(ratios, key=ratios.__getitem__)
+    better = sum(ratio < 1.0 for ratio in ratios.values())
+    line = (
+        f"RMS of fused over the best single sensor: below 1 in {better} of {len(ratios)} drives,"
+        f" {ratios[worst]:.2f} at worst in {worst}"
+    )
+    mixed = {drive: ratio for drive, ratio in ratios.items() if drive in EXPERIMENTS and EXPERIMENTS[drive].mixed}
+    if mixed:
+        worst = max(mixed, key=mixed.__getitem__)
+        line += f"; mixed drives {_median(mixed):.2f} in the median, {mixed[worst]:.2f} at worst in {worst}"
+    return line
+
+
+def _honesty_line(summaries: dict[str, dict[str, Summary]], default: str) -> str:
+    ratios = {drive: found[default].honesty for drive, found in summaries.items() if default in found}
+    ratios = {drive: ratio for drive, ratio in ratios.items() if math.isfinite(ratio)}
+    if not ratios:
+        return ""
+    low, high = min(ratios, key=ratios.__getitem__), max(ratios, key=ratios.__getitem__)
+    return (
+        f"squared error over variance of {default}: {np.mean(list(ratios.values())):.2f} on average,"
+        f" from {ratios[low]:.2f} in {low} to {ratios[high]:.2f} in {high}"
+    )
+
+
+def _median(values: dict[str, float]) -> float:
+    return float(np.median(list(values.values())))
+
+
+def as_json(outcomes: Sequence[Outcome], summaries: dict[str, dict[str, Summary]], default: str) -> dict[str, Any]:
+    """Every outcome (rad) and every summary (deg), ready for JSON."""
+    return {
+        "default_method": default,
+        "published_deg": {drive: EXPERIMENTS[drive].published_deg for drive in summaries if drive in EXPERIMENTS},
+        "summaries_deg": _finite(
+            {drive: {s: asdict(one) for s, one in found.items()} for drive, found in summaries.items()}
+        ),
+        "outcomes_rad": _finite([asdict(outcome) for outcome in outcomes]),
+    }
+
+
+def _finite(value: Any) -> Any:
+    """NaN is not JSON: None instead."""
+    if isinstance(value, dict):
+        return {key: _finite(inner) for key, inner in value.items()}
+    if isinstance(value, list):
+        return [_finite(inner) for inner in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
