@@ -29,15 +29,18 @@ class FusionConfig(ParameterSet):
         low=1e-4, high=100.0,
     )  # fmt: skip
     gyro_sigma: float = parameter(
-        0.005, "white noise of one gyro sample, standard deviation", unit="rad/s", low=1e-6, high=10.0
+        0.003, "white noise of one gyro sample, standard deviation", unit="rad/s", low=1e-6, high=10.0
     )
     initial_bias_sigma: float = parameter(
         0.02, "gyro bias to expect at the start, standard deviation", unit="rad/s", low=1e-6, high=1.0
     )
     bias_walk: float = parameter(
-        0.0001, "wander of the gyro bias: its standard deviation after one second", unit="rad/s/sqrt(s)",
+        0.00002, "wander of the gyro bias: its standard deviation after one second", unit="rad/s/sqrt(s)",
         low=0.0, high=1.0,
     )  # fmt: skip
+    gyro_scale_sigma: float = parameter(
+        0.001, "error of the gyro's scale factor to expect, standard deviation", low=0.0, high=0.5
+    )
     track_sigma: float = parameter(
         0.02, "noise of the turn rate the tracks claim while driving straight, standard deviation", unit="rad/s",
         low=1e-6, high=10.0,
@@ -46,15 +49,19 @@ class FusionConfig(ParameterSet):
         "twist", "what of the track odometry is fused: its turn rate or the turn between its poses",
         choices=("twist", "pose"),
     )  # fmt: skip
-    track_slip: float = parameter(
-        0.1,
-        "how far the tracks' turn rate strays in turns, as a fraction of it, standard deviation",
-        low=0.0,
-        high=10.0,
+    track_slip_turn: float = parameter(
+        0.05, "straying of the tracks' turn rate in turns, as a fraction of it, standard deviation", low=0.0, high=10.0
+    )
+    track_slip_speed: float = parameter(
+        0.05, "straying of the tracks' turn rate per speed, standard deviation", unit="rad/m", low=0.0, high=10.0
     )
     slip_time: float = parameter(0.5, "how long such straying lasts", unit="s", low=1e-3, high=1e3)
+    veer_sigma: float = parameter(
+        0.01, "turn the tracks claim per metre driven straight (one track longer), standard deviation", unit="rad/m",
+        low=0.0, high=1.0,
+    )  # fmt: skip
     initial_scale: float = parameter(1.0, "turn rate claimed by the tracks over the true one", low=0.05, high=20.0)
-    initial_scale_sigma: float = parameter(0.1, "its standard deviation at the start", low=1e-6, high=10.0)
+    initial_scale_sigma: float = parameter(0.3, "its standard deviation at the start", low=1e-6, high=10.0)
     scale_walk: float = parameter(
         0.002, "wander of the track scale: its standard deviation after one second", unit="1/sqrt(s)",
         low=0.0, high=10.0,

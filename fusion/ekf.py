@@ -27,11 +27,13 @@ class State(IntEnum):
     YAW = 0  # accumulated, rad
     RATE = 1  # turn rate, rad/s
     BIAS = 2  # what the gyro adds to the rate, rad/s
-    SCALE = 3  # turn rate claimed by the tracks over the true one, the lasting part
-    SLIP = 4  # the passing part: scale + slip is what holds now
-    COMPASS_ERROR = 5  # lasting error of the compass, in units of its standard deviation
-    TRACK_REF = 6  # yaw at the last pose of the track odometry, rad
-    CLONE = 7  # first of CLONES yaws at compass references, rad
+    SCALE = 3  # turn rate claimed by the tracks over the true one
+    GYRO_SCALE = 4  # excess of the gyro's scale factor over one
+    VEER = 5  # turn that the tracks claim per metre driven straight, rad/m
+    SLIP = 6  # passing error of the tracks, in units of its standard deviation
+    COMPASS_ERROR = 7  # lasting error of the compass, in units of its standard deviation
+    TRACK_REF = 8  # yaw at the last pose of the track odometry, rad
+    CLONE = 9  # first of CLONES yaws at compass references, rad
 
 
 DIM = State.CLONE + CLONES
@@ -85,8 +87,9 @@ class YawEkf(ExtendedKalmanFilter):
         sigma[State.RATE] = config.initial_rate_sigma
         sigma[State.BIAS] = config.initial_bias_sigma
         sigma[State.SCALE] = config.initial_scale_sigma
-        sigma[State.SLIP] = config.track_slip
-        sigma[State.COMPASS_ERROR] = 1.0
+        sigma[State.GYRO_SCALE] = config.gyro_scale_sigma
+        sigma[State.VEER] = config.veer_sigma
+        sigma[State.SLIP] = sigma[State.COMPASS_ERROR] = 1.0
         self.P = np.diag(sigma**2)
         self.P[np.ix_(YAWS, YAWS)] = config.initial_yaw_sigma**2
 
@@ -119,7 +122,7 @@ class YawEkf(ExtendedKalmanFilter):
         Q[State.BIAS, State.BIAS] = config.bias_walk**2 * dt
         Q[State.SCALE, State.SCALE] = config.scale_walk**2 * dt
         F[State.SLIP, State.SLIP] = math.exp(-dt / config.slip_time)
-        Q[State.SLIP, State.SLIP] = -(config.track_slip**2) * math.expm1(-2.0 * dt / config.slip_time)
+        Q[State.SLIP, State.SLIP] = -math.expm1(-2.0 * dt / config.slip_time)
         F[State.COMPASS_ERROR, State.COMPASS_ERROR] = math.exp(-dt / config.compass_error_time)
         Q[State.COMPASS_ERROR, State.COMPASS_ERROR] = -math.expm1(-2.0 * dt / config.compass_error_time)
         return F, Q
@@ -160,50 +163,61 @@ class YawEkf(ExtendedKalmanFilter):
         self.P[np.ix_(YAWS, YAWS)] += variance
 
     def gyro(self, yaw_rate: float, variance: float | None) -> Measurement:
-        """What a gyro sample (rad/s, variance (rad/s)^2) says: rate plus bias."""
+        """What a gyro sample (rad/s, variance (rad/s)^2) says: (1 + gyro scale) rate + bias."""
+        x = self.x
+        rate, gain = float(x[State.RATE]), 1.0 + float(x[State.GYRO_SCALE])
         H = np.zeros((1, DIM))
-        H[0, State.RATE] = H[0, State.BIAS] = 1.0
+        H[0, State.RATE], H[0, State.BIAS], H[0, State.GYRO_SCALE] = gain, 1.0, rate
         R = self.config.gyro_sigma**2 if variance is None else variance
-        return Measurement(yaw_rate - float(self.x[State.RATE] + self.x[State.BIAS]), H, R)
+        return Measurement(yaw_rate - gain * rate - float(x[State.BIAS]), H, R)
 
-    def track_rate(self, yaw_rate: float, *, alone: bool = False) -> Measurement:
-        """What the tracks' claimed turn rate (rad/s) says: (scale + slip) times rate.
+    def track_rate(self, yaw_rate: float, speed: float, *, alone: bool = False) -> Measurement:
+        """What the tracks' claimed turn rate (rad/s) at a claimed speed (m/s) says: scale rate + veer speed + slip.
 
         `alone` says that nothing else measures the turning. Scale and slip cannot be observed then (linearised, the
         tracks would seem to tell them all the same), so they are only considered.
         """
-        return self._tracks(yaw_rate, {State.RATE: 1.0}, self.config.track_sigma**2, alone)
+        M = np.zeros(DIM)
+        M[State.RATE] = 1.0
+        return self._tracks(yaw_rate, M, speed, 1.0, alone)
 
-    def track_turn(self, turn: float, dt: float, *, alone: bool = False) -> Measurement:
-        """What the turn (rad) between two poses `dt` s apart says: (scale + slip) times the true turn."""
-        x = self.x
-        expected = (x[State.SCALE] + x[State.SLIP]) * (x[State.YAW] - x[State.TRACK_REF])
-        turn = float(expected + wrap_angle(turn - expected))  # a pose counts no turns
-        R = (self.config.track_sigma * dt) ** 2
-        return self._tracks(turn, {State.YAW: 1.0, State.TRACK_REF: -1.0}, R, alone)
+    def track_turn(self, turn: float, speed: float, dt: float, *, alone: bool = False) -> Measurement:
+        """What the turn (rad) between two poses `dt` s apart says: the same as the rate, times `dt`."""
+        M = np.zeros(DIM)
+        M[State.YAW], M[State.TRACK_REF] = 1.0, -1.0
+        expected = self.x[State.SCALE] * (M @ self.x)
+        counted = float(expected + wrap_angle(turn - expected))  # a pose counts no turns
+        return self._tracks(counted, M, speed, dt, alone)
 
-    def _tracks(self, z: float, motion: dict[State, float], R: float, alone: bool) -> Measurement:
-        """Linearise a product of two uncertain states, gain and motion.
+    def _tracks(self, z: float, M: Array, speed: float, dt: float, alone: bool) -> Measurement:
+        """Linearise a claim `z` on the motion ``M x``, made over `dt` s (1: a rate).
 
-        Its second-order terms are kept (Bar-Shalom, Li & Kirubarajan 2001, section 10.3.2), but not when the tracks are
-        alone: then gain and motion err together so that their product is right. From sample to sample the motion
-        changes by more than its noise, so the gain's error goes into the rate by the *new* motion: `H_after`.
+        The second-order terms of scale times motion are kept (Bar-Shalom, Li & Kirubarajan 2001, section 10.3.2), but
+        not when the tracks are alone: then the two err together so that their product is right. From sample to sample
+        the motion changes by more than its noise, so scale and slip go into the rate by the *new* motion: `H_after`.
         """
-        M, G = np.zeros(DIM), np.zeros(DIM)
-        for state, sign in motion.items():
-            M[state] = sign
-        G[State.SCALE] = G[State.SLIP] = 1.0
         PM = self.P @ M
-        moved, gain, cross = float(M @ self.x), float(G @ self.x), float(G @ PM)
-        innovation = z - gain * moved
+        moved, scale = float(M @ self.x), float(self.x[State.SCALE])
+        H = scale * M
+        H[State.VEER] = speed * dt
+        H[State.SLIP] = self._slip(scale * moved / dt, speed) * dt
+        innovation = z - float(H @ self.x)
+        H[State.SCALE] = moved
+        R = (self.config.track_sigma * dt) ** 2
         if not alone:
+            cross = float(PM[State.SCALE])
             innovation -= cross
-            R += float(G @ self.P @ G) * float(M @ PM) + cross**2
-        H = gain * M + moved * G
+            R += float(self.P[State.SCALE, State.SCALE]) * float(M @ PM) + cross**2
         PH = self.P @ H
-        change = float(M @ PH) / (float(H @ PH) + R) * innovation
+        H_after = H.copy()
+        H_after[State.SCALE] += float(M @ PH) / (float(H @ PH) + R) * innovation
+        H_after[State.SLIP] = self._slip(z / dt, speed) * dt
         consider = (State.SCALE, State.SLIP) if alone else ()
-        return Measurement(innovation, H[None, :], R, (H + change * G)[None, :], consider)
+        return Measurement(innovation, H[None, :], R, H_after[None, :], consider)
+
+    def _slip(self, yaw_rate: float, speed: float) -> float:
+        """Standard deviation of the tracks' passing error, rad/s: it grows with turning and with speed."""
+        return math.hypot(self.config.track_slip_turn * yaw_rate, self.config.track_slip_speed * speed)
 
     def compass(self, yaw: float, variance: float, clone: int) -> Measurement:
         """What an increment (rad, variance rad^2) since state `clone` says: a difference of yaws, modulo a turn.

@@ -111,14 +111,15 @@ class YawFilter:
     def _fuse_tracks(self, state: FilterState, event: TracksEvent) -> None:
         sample, before, alone = event.sample, state.track_pose, self._tracks_alone(state)
         if self.config.odometry == "twist" or sample.yaw is None:
-            measurement = self._ekf.track_rate(sample.yaw_rate, alone=alone)
+            measurement = self._ekf.track_rate(sample.yaw_rate, sample.speed, alone=alone)
         else:
             state.track_pose = sample
             if before is None or before.yaw is None or sample.t_ns == before.t_ns:
                 self._ekf.clone_yaw(State.TRACK_REF)
                 return
             dt = (sample.t_ns - before.t_ns) * 1e-9
-            measurement = self._ekf.track_turn(sample.yaw - before.yaw, dt, alone=alone)
+            turn = sample.yaw - before.yaw
+            measurement = self._ekf.track_turn(turn, sample.speed, dt, alone=alone)
         if self._judge(state, Sensor.TRACKS, measurement) is Verdict.RECOVERED:
             # the ground has changed: open the scale as far as it can explain the claim
             self._widen(State.SCALE, self.config.initial_scale_sigma**2)

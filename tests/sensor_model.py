@@ -36,15 +36,19 @@ def drawn_drive(seed, sensors=SENSORS, seconds=10.0, config=None, gyro_hz=50, tr
     yaw, rate = _motion(rng, n, config)
     bias = _walk(rng, n, config.initial_bias_sigma, config.bias_walk)
     scale = config.initial_scale + _walk(rng, n, config.initial_scale_sigma, config.scale_walk)
-    slip = config.track_slip * _gauss_markov(rng, n, config.slip_time)
+    slip = _gauss_markov(rng, n, config.slip_time)
+    speed = 0.5 * np.sin(np.arange(n) / GRID_HZ) ** 2
+    veer = config.veer_sigma * rng.normal()
+    gyro_scale = config.gyro_scale_sigma * rng.normal()
     t_ns = np.arange(n) * (10**9 // GRID_HZ)
     samples = []
     if "gyro" in sensors:
         at = np.arange(0, n, GRID_HZ // gyro_hz)
-        z = rate[at] + bias[at] + config.gyro_sigma * rng.normal(size=at.size)
+        z = (1.0 + gyro_scale) * rate[at] + bias[at] + config.gyro_sigma * rng.normal(size=at.size)
         samples += [GyroSample(int(t), float(w)) for t, w in zip(t_ns[at], z, strict=True)]
     if "tracks" in sensors:
-        samples += _tracks(rng, np.arange(0, n, GRID_HZ // track_hz), t_ns, yaw, rate, scale + slip, config)
+        at = np.arange(0, n, GRID_HZ // track_hz)
+        samples += _tracks(rng, at, t_ns, (yaw, rate, speed), (scale, veer, slip), config)
     if "compass" in sensors:
         samples += _compass(rng, np.arange(0, n, GRID_HZ // compass_hz), t_ns, yaw, hold, config)
     return Drive(t_ns, yaw, rate, bias, scale, sorted(samples, key=lambda sample: sample.t_ns))
@@ -72,12 +76,22 @@ def _gauss_markov(rng, n, time):
     return out
 
 
-def _tracks(rng, at, t_ns, yaw, rate, gain, config):
-    claimed = gain[at] * rate[at] + config.track_sigma * rng.normal(size=at.size)
+def _tracks(rng, at, t_ns, motion, errors, config):
+    yaw, rate, speed = (array[at] for array in motion)
+    scale, veer, slip = errors[0][at], errors[1], errors[2][at]
     dt = (t_ns[at[1]] - t_ns[at[0]]) * 1e-9
-    turn = gain[at[1:]] * np.diff(yaw[at]) + config.track_sigma * dt * rng.normal(size=at.size - 1)
+    white = config.track_sigma * rng.normal(size=(2, at.size))
+    # the straying grows with what is claimed; what is claimed contains it: two rounds settle it
+    claimed = scale * rate + veer * speed
+    for _ in range(3):
+        stray = np.hypot(config.track_slip_turn * claimed, config.track_slip_speed * speed) * slip
+        claimed = scale * rate + veer * speed + stray + white[0]
+    turn = scale[1:] * np.diff(yaw) + (veer * speed + stray + white[1])[1:] * dt
     pose = wrap_angle(np.concatenate([[0.3], 0.3 + np.cumsum(turn)]))
-    return [OdometrySample(int(t), float(w), 0.5, float(p)) for t, w, p in zip(t_ns[at], claimed, pose, strict=True)]
+    return [
+        OdometrySample(int(t), float(w), float(v), float(p))
+        for t, w, v, p in zip(t_ns[at], claimed, speed, pose, strict=True)
+    ]
 
 
 def _compass(rng, at, t_ns, yaw, hold, config):
