@@ -5,15 +5,18 @@ from __future__ import annotations
 import dataclasses
 import sys
 from collections.abc import Callable, Iterable
-from typing import Any
+from typing import Any, TypeVar
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
 from rclpy.node import Node
 
 from compass.errors import ConfigError
-from compass.parameters import ParameterSpec
+from compass.parameters import ParameterSet, ParameterSpec
 from fusion.settings import Settings
 
+Config = TypeVar("Config", bound=ParameterSet)
+
+_ROS_OWN = ("use_sim_time", "start_type_description_service", "qos_overrides.")
 _INT64 = 2**63 - 1
 _TOP = "topics"  # its parameters stand at the top level, the others behind the name of their group
 
@@ -69,6 +72,17 @@ class NodeParameters:
         except ConfigError as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
+
+
+def declare_config(node: Node, kind: type[Config]) -> Config:
+    """Declare the fields of one config as parameters of a node (see `NodeParameters`); returns the values given."""
+    given = {name: parameter.value for name, parameter in node.get_parameters_by_prefix("").items()}
+    config = kind.from_dict({name: value for name, value in given.items() if not name.startswith(_ROS_OWN)})
+    for spec in kind.specs():
+        if spec.name in given:
+            node.undeclare_parameter(spec.name)
+        node.declare_parameter(spec.name, getattr(config, spec.name), describe(spec), ignore_override=True)
+    return config
 
 
 def settings_specs() -> dict[str, tuple[str, ParameterSpec]]:

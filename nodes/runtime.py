@@ -18,6 +18,10 @@ _BACK = Duration(seconds=-0.1)  # a clock that goes back by less is handled as l
 _LONGEST_WAIT_S = 0.2
 
 
+class FinishedError(Exception):
+    """Raised in a callback of a node whose work is done."""
+
+
 def run(make_node: Callable[[], Node], args: Sequence[str] | None = None) -> int:
     """Run a node until Ctrl-C or SIGTERM; an error of the user's is one line and exit code 1."""
     node: Node | None = None
@@ -33,7 +37,7 @@ def run(make_node: Callable[[], Node], args: Sequence[str] | None = None) -> int
         executor.add_node(node)
         while rclpy.ok():
             executor.spin_once(timeout_sec=_LONGEST_WAIT_S)
-    except (KeyboardInterrupt, ExternalShutdownException):
+    except (KeyboardInterrupt, ExternalShutdownException, FinishedError):
         pass
     except VisualCompassError as error:
         log.fatal(str(error))

@@ -14,6 +14,7 @@ from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
 from compass.errors import VisualCompassError
+from fusion.offline.to_ros2 import Ros2Converter
 
 IMU = "sensor_msgs/msg/Imu"
 IMAGE = "sensor_msgs/msg/Image"
@@ -121,27 +122,27 @@ class Bag(AbstractContextManager["Bag"]):
     @property
     def start_ns(self) -> int:
         """When the recorder wrote the first message, ns."""
-        return self._reader.start_time
+        return int(self._reader.start_time)
 
     def replay(self, topics: Sequence[str], from_ns: int = 0) -> Iterator[Message]:
         """Messages of any type written at `from_ns` or later, as CDR: ready to be published in ROS 2.
 
-        Parameters
-        ----------
-        topics : sequence of str
-            Names of topics; their `Message.stamp_ns` is 0, as not every type has one.
-        from_ns : int
-            Record time to begin at, ns.
+        Topics whose ROS 1 type has other fields in ROS 2 are left out. `Message.stamp_ns` is 0, as not every type
+        has a stamp.
         """
-        connections = [connection for connection in self._reader.connections if connection.topic in topics]
+        converter = None if self._reader.is2 else Ros2Converter(self._reader.typestore)
+        connections = [
+            connection
+            for connection in self._reader.connections
+            if connection.topic in topics and (converter is None or converter.convertible(connection.msgtype))
+        ]
         if not connections:
             return
         recorded = self._reader.messages(connections, start=max(from_ns, self.start_ns))
         while (item := self._guarded(next, recorded, None)) is not None:
             connection, record_ns, raw = item
-            if not self._reader.is2:
-                raw = self._guarded(self._reader.typestore.ros1_to_cdr, raw, connection.msgtype)
-            yield Message(connection.topic, connection.msgtype, record_ns, 0, bytes(raw))
+            cdr = bytes(raw) if converter is None else self._guarded(converter.cdr, raw, connection.msgtype)
+            yield Message(connection.topic, connection.msgtype, record_ns, 0, cdr)
 
     def deserialize(self, message: Message) -> Any:
         """The message as a record with the fields of its ROS type."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_typestore
 
 
@@ -24,27 +25,21 @@ class Ros2Converter:
 
     def convertible(self, msgtype: str) -> bool:
         """Whether the type has the same fields in ROS 2 as in the bag."""
-        return self._same(msgtype)
-
-    def cdr(self, raw: bytes, msgtype: str) -> bytes:
-        """A serialised ROS 1 message as CDR."""
-        return bytes(self._types.ros1_to_cdr(raw, msgtype))
-
-    def _same(self, msgtype: str) -> bool:
         if msgtype == "std_msgs/msg/Header":
             return True  # ROS 1 has a seq more, which the conversion knows
         theirs, ours = (types.fielddefs.get(msgtype, ((), ()))[1] for types in (self._bag_types, self._types))
         if [kind for _, kind in theirs] != [kind for _, kind in ours]:
             return False
-        return all(self._same(name) for name in _named(kind for _, kind in theirs))
+        return all(self.convertible(name) for name in {_name(kind) for _, kind in theirs} - {""})
+
+    def cdr(self, raw: bytes, msgtype: str) -> bytes:
+        """A serialised ROS 1 message as CDR."""
+        return bytes(self._types.ros1_to_cdr(raw, msgtype))
 
 
-def _named(kinds: Any) -> set[str]:
-    """Names of the message types among field types, those in arrays too."""
-    names = set()
-    for kind in kinds:
-        while isinstance(kind, tuple) and isinstance(kind[1], tuple):
-            kind = kind[1] if isinstance(kind[1][0], int) else kind[1][0]
-        if isinstance(kind, tuple) and isinstance(kind[1], str):
-            names.add(kind[1])
-    return names
+def _name(kind: Any) -> str:
+    """Name of the message type of a field, or of the elements of an array; empty for plain numbers and text."""
+    node, detail = kind
+    if node in (Nodetype.ARRAY, Nodetype.SEQUENCE):
+        return _name(detail[0])
+    return str(detail) if node == Nodetype.NAME else ""

@@ -1,0 +1,74 @@
+"""Compressed panoramas in, raw ones out, as ``image_transport republish`` does."""
+
+from __future__ import annotations
+
+import array
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from rclpy.node import Node
+from rclpy.qos import qos_profile_sensor_data
+from sensor_msgs.msg import CompressedImage, Image
+
+from compass.errors import ImageError
+from compass.parameters import ParameterSet, parameter
+from nodes.compass_stream import IMAGE_QOS
+from nodes.complaints import Complaints, surviving
+from nodes.images import NewestWorker
+from nodes.parameters import declare_config
+from nodes.runtime import run
+
+
+@dataclass(frozen=True)
+class RepublishConfig(ParameterSet):
+    """Settings of the republisher."""
+
+    compass_image: str = parameter("/viz/pano/image", "raw topic; the compressed one has /compressed behind it")
+
+
+class RepublishNode(Node):
+    """Decodes ``<topic>/compressed`` into ``<topic>``; idle while somebody else publishes that."""
+
+    def __init__(self) -> None:
+        super().__init__("republish_node", automatically_declare_parameters_from_overrides=True)
+        self._topic = declare_config(self, RepublishConfig).compass_image
+        self._complaints = Complaints(self.get_logger().warning)
+        self._worker = NewestWorker(surviving(self, self._topic, self._complaints, self._republish), "images")
+        self._publisher = self.create_publisher(Image, self._topic, IMAGE_QOS)
+        self.create_subscription(
+            CompressedImage, f"{self._topic}/compressed", self._worker.offer, qos_profile_sensor_data
+        )
+
+    def _republish(self, message: CompressedImage) -> None:
+        if self.count_publishers(self._topic) == 1:
+            self._publisher.publish(decoded(message))
+
+    def destroy_node(self) -> None:
+        """End the image thread, then the node."""
+        self._worker.close()
+        super().destroy_node()
+
+
+def decoded(message: CompressedImage) -> Image:
+    """A JPEG or PNG as raw ``bgr8`` or ``mono8`` of the same header; `ImageError` where it is corrupt."""
+    data = np.frombuffer(message.data, np.uint8)
+    pixels = cv2.imdecode(data, cv2.IMREAD_ANYCOLOR) if data.size else None
+    if pixels is None:
+        raise ImageError(f"compressed image of {data.size} bytes is corrupt or neither JPEG nor PNG")
+    image = Image(header=message.header, height=pixels.shape[0], width=pixels.shape[1])
+    image.encoding = "mono8" if pixels.ndim == 2 else "bgr8"
+    image.step = pixels.strides[0]
+    image.data = array.array("B", pixels.tobytes())  # rclpy takes an array as it is, bytes one by one
+    return image
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Entry point of ``ros2 run visual_compass republish_node``."""
+    return run(RepublishNode, args)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
