@@ -17,6 +17,7 @@ from compass.strip import Pixels, Strip
 REACH_PX = 20  # how far a sector may lie from the coarse shift, columns
 TAPS = 6  # samples on either side of the best one that its interpolation uses
 FINE = 16  # interpolated samples per column
+CORRELATED_PIXELS = 4.0  # that share their error: smoothing, and parallax inside a sector
 NOISE_FLOOR_PX = 0.01  # what interpolation and JPEG leave of a shift's error, columns
 
 
@@ -80,12 +81,12 @@ def local_shifts(reference: Strip, current: Strip, coarse_px: float, sectors: in
     windows = sector_windows(columns, sectors, per_circle)
     reach = min(REACH_PX, columns // 4)
     whole = round(coarse_px)
-    scores, energy = _lag_scores(_halved(reference.pixels), _halved(current.pixels), windows, whole, reach)
+    scores, energy = _lag_scores(reference.smoothed, current.smoothed, windows, whole, reach)
     best = scores.argmax(axis=0)
     lag, height, bend = _interpolated_peaks(scores, np.clip(best, TAPS, 2 * reach - TAPS))
     inside = (best >= TAPS) & (best <= 2 * reach - TAPS) & (bend < 0.0) & (energy > 1e-3 * energy.mean())
     # Cramer-Rao: noise energy over gradient energy; the gradient's is the curvature of the correlation
-    pixels = windows.sum(axis=1) * (reference.pixels.shape[0] // 2 or 1)
+    pixels = windows.sum(axis=1) * reference.smoothed.shape[0] / CORRELATED_PIXELS
     noise = 2.0 * np.clip(1.0 - height, 1e-5, None) / (pixels * np.where(inside, -bend, 1.0))
     centre = columns / sectors * np.arange(sectors)
     return SectorShifts(
@@ -95,12 +96,6 @@ def local_shifts(reference: Strip, current: Strip, coarse_px: float, sectors: in
         height[inside],
         energy[inside],
     )
-
-
-def _halved(pixels: Pixels) -> Pixels:
-    """Pairs of rows averaged: the lags' cost is in the rows, their resolution in the columns."""
-    rows = pixels.shape[0] // 2 * 2
-    return 0.5 * (pixels[0:rows:2] + pixels[1:rows:2]) if rows else pixels
 
 
 def _lag_scores(reference: Pixels, current: Pixels, windows: Pixels, whole: int, reach: int) -> tuple[Pixels, Pixels]:
@@ -113,9 +108,12 @@ def _lag_scores(reference: Pixels, current: Pixels, windows: Pixels, whole: int,
     """
     columns = reference.shape[1]
     lags = range(2 * reach + 1)
-    extended = np.take(current, np.arange(-reach, columns + reach) + whole, axis=1, mode="wrap")
-    products = np.stack([np.einsum("rx,rx->x", reference, extended[:, lag : lag + columns]) for lag in lags])
-    energies = np.lib.stride_tricks.sliding_window_view(np.einsum("rx,rx->x", extended, extended), columns)
+    first = (whole - reach) % columns
+    extended = np.concatenate([current[:, first:], current, current[:, : max(first + 2 * reach - columns, 0)]], axis=1)
+    products = np.empty((len(lags), columns), np.float32)
+    for lag in lags:
+        np.einsum("rx,rx->x", reference, extended[:, lag : lag + columns], out=products[lag])
+    energies = np.lib.stride_tricks.sliding_window_view(np.einsum("rx,rx->x", extended, extended), columns)[: len(lags)]
     own = windows @ np.einsum("rx,rx->x", reference, reference)
     scale = np.sqrt(np.maximum(own * (energies @ windows.T), np.float32(1e-6)))
     return (products @ windows.T) / scale, own

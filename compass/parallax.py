@@ -14,7 +14,6 @@ from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import logsumexp
 
 from compass.correlation import Floats, Peak, signed
 from compass.local import SectorShifts, coarse_shift, local_shifts
@@ -27,7 +26,7 @@ DIRECTIONS = 16  # directions of travel that are tried
 SCALES_PX = (0.1, 0.3, 1.0, 3.0, 10.0)  # typical pushes that are tried
 PUSHES_PX = (0.0, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0)  # mean pushes that are tabulated, log-spaced after none
 OUTLIER = -8.0  # log-likelihood of a sector that fits nothing: people, reflections, wrong peaks
-GRID = 33
+GRID = 25
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,30 +53,28 @@ def match_parallax(reference: Strip, current: Strip, search: Search) -> Match:
 
 def turn_posterior(sectors: SectorShifts, forward_px: float, columns: int) -> Posterior:
     """Posterior of the turn from the shifts of sectors, on a grid that closes in on it."""
-    choice = _hypotheses(columns, forward_px)[:, :, :, np.round(sectors.centre_px * SECTORS / columns).astype(int)]
-    choice = choice.reshape(choice.shape[0], -1)
+    index = np.round(sectors.centre_px * SECTORS / columns).astype(int)
+    hypotheses = _hypotheses(columns, forward_px)[..., index]
+    hypotheses = hypotheses.reshape(hypotheses.shape[0], -1)
     low, high = (float(edge) for edge in np.percentile(sectors.shift_px, (3, 97)))
     low, high = low - 0.3, high + 0.3
-    mean = deviation = 0.0
-    pure = 0.0
     while True:
-        step = (high - low) / (GRID - 1)
-        grid = np.linspace(low, high, GRID)
-        each = choice @ _log_likelihoods(sectors, grid)
-        total = logsumexp(each, axis=0)
-        weight = np.exp(total - total.max())
+        grid, step = np.linspace(low, high, GRID, retstep=True)
+        likelihood = hypotheses @ _log_likelihoods(sectors, grid)
+        likelihood -= likelihood.max()
+        each = np.exp(likelihood, dtype=np.float64)
+        weight = each.sum(axis=0)
+        pure = float(each[0].sum() / weight.sum())
         weight /= weight.sum()
         mean = float(weight @ grid)
-        deviation = float(np.sqrt(weight @ (grid - mean) ** 2))
-        if deviation > 1.2 * step or step < 1e-4:
-            overall = float(logsumexp(total))
-            pure = float(np.exp(logsumexp(each[0]) - overall))
-            return Posterior(mean, deviation**2 + step**2 / 12.0, pure)
-        centre = float(grid[total.argmax()])
-        low, high = centre - 4.0 * step, centre + 4.0 * step
+        variance = float(weight @ (grid - mean) ** 2)
+        if variance > step**2 or step < 1e-4:
+            return Posterior(mean, variance + float(step**2) / 12.0, pure)
+        centre = float(grid[weight.argmax()])
+        low, high = centre - 3.0 * step, centre + 3.0 * step
 
 
-def _log_likelihoods(sectors: SectorShifts, grid: Floats) -> Floats:
+def _log_likelihoods(sectors: SectorShifts, grid: Floats) -> npt.NDArray[np.float32]:
     """Log-likelihood of each sector's shift for each tabulated mean push, each sign, each turn of the grid.
 
     Noise is normal, a push exponential. Their convolution is approximated by one expression that is the normal for
@@ -87,20 +84,22 @@ def _log_likelihoods(sectors: SectorShifts, grid: Floats) -> Floats:
     -------
     (2 * pushes * sectors, GRID) array
     """
-    residual = sectors.shift_px[:, None] - grid[None, :]
+    residual = (sectors.shift_px[:, None] - grid).astype(np.float32)
+    sigma = sectors.sigma_px[:, None].astype(np.float32)
     square = residual * residual
-    noise = 2.0 * sectors.sigma_px[:, None] ** 2
-    mean = np.asarray(PUSHES_PX)[:, None, None]
-    table = np.empty((2, len(PUSHES_PX), *residual.shape))
+    mean = np.asarray(PUSHES_PX, np.float32)[:, None, None]
+    table = np.empty((2, len(PUSHES_PX), *residual.shape), np.float32)
     for sign, pushed in enumerate((np.maximum(residual, 0.0), np.maximum(-residual, 0.0))):
-        np.divide(square, noise + mean * pushed, out=table[sign])
-    table += np.log(mean + 2.5 * sectors.sigma_px[:, None])
-    np.negative(table, out=table)
-    return np.maximum(table, OUTLIER, out=table).reshape(-1, grid.size)
+        np.multiply(mean, pushed, out=table[sign])
+    table += 2.0 * sigma * sigma
+    np.divide(square, table, out=table)
+    table += np.log(mean + 2.5 * sigma)
+    np.minimum(table, -OUTLIER, out=table)
+    return np.negative(table, out=table).reshape(-1, grid.size)
 
 
 @lru_cache(maxsize=4)
-def _hypotheses(columns: int, forward_px: float) -> npt.NDArray[np.float64]:
+def _hypotheses(columns: int, forward_px: float) -> npt.NDArray[np.float32]:
     """Which mean push each hypothesis expects of each sector, as weights of the tabulated ones.
 
     Returns
@@ -109,7 +108,7 @@ def _hypotheses(columns: int, forward_px: float) -> npt.NDArray[np.float64]:
         The first hypothesis is a turn without any push. The second axis is the sign: to the right, to the left.
     """
     azimuth = -2.0 * np.pi * (np.arange(SECTORS) / SECTORS - forward_px / columns)
-    weights = np.zeros((1 + DIRECTIONS * len(SCALES_PX), 2, len(PUSHES_PX), SECTORS))
+    weights = np.zeros((1 + DIRECTIONS * len(SCALES_PX), 2, len(PUSHES_PX), SECTORS), np.float32)
     weights[0, 0, 0] = 1.0
     level = np.log(PUSHES_PX[1:])
     for index in range(DIRECTIONS * len(SCALES_PX)):

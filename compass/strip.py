@@ -46,6 +46,19 @@ class Strip:
         """(rows, columns // 2 + 1) Fourier transform of each row."""
         return scipy.fft.rfft(self.pixels, axis=1)  # type: ignore[no-any-return]
 
+    @cached_property
+    def smoothed(self) -> Pixels:
+        """(rows // 2, columns) pairs of rows averaged, and columns by 1 2 1: what sectors are compared by.
+
+        Without the highest frequencies a spline through the correlation at whole lags errs by thousandths of a
+        column, with them by hundredths.
+        """
+        rows = max(self.pixels.shape[0] // 2 * 2, 1)
+        pairs = self.pixels[0:rows:2] + self.pixels[1:rows:2] if rows > 1 else self.pixels
+        wrapped = np.concatenate([pairs[:, -1:], pairs, pairs[:, :1]], axis=1)
+        smoothed: Pixels = wrapped[:, :-2] + 2.0 * wrapped[:, 1:-1] + wrapped[:, 2:]
+        return smoothed
+
 
 def prepare_strip(t_ns: int, image: Image, config: CompassConfig, encoding: str = "") -> Strip:
     """Cut the region of interest out of a panorama, make it grey and bring it to size.
