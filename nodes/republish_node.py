@@ -10,16 +10,17 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 from rclpy.node import Node
-from rclpy.qos import qos_profile_sensor_data
+from rclpy.qos import QoSProfile, ReliabilityPolicy, qos_profile_sensor_data
 from sensor_msgs.msg import CompressedImage, Image
 
 from compass.errors import ImageError
 from compass.parameters import ParameterSet, parameter
-from nodes.compass_stream import IMAGE_QOS
 from nodes.complaints import Complaints, surviving
 from nodes.images import NewestWorker
 from nodes.parameters import declare_config
 from nodes.runtime import run
+
+RAW_QOS = QoSProfile(depth=2, reliability=ReliabilityPolicy.RELIABLE)  # serves subscribers of either kind
 
 
 @dataclass(frozen=True)
@@ -37,7 +38,7 @@ class RepublishNode(Node):
         self._topic = declare_config(self, RepublishConfig).compass_image
         self._complaints = Complaints(self.get_logger().warning)
         self._worker = NewestWorker(surviving(self, self._topic, self._complaints, self._republish), "images")
-        self._publisher = self.create_publisher(Image, self._topic, IMAGE_QOS)
+        self._publisher = self.create_publisher(Image, self._topic, RAW_QOS)
         self.create_subscription(
             CompressedImage, f"{self._topic}/compressed", self._worker.offer, qos_profile_sensor_data
         )

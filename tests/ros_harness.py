@@ -216,3 +216,18 @@ def stamp_of(message: Any) -> int:
 def yaw_of(message: Odometry) -> float:
     q = message.pose.pose.orientation
     return 2.0 * float(np.arctan2(q.z, q.w))
+
+
+def newest(diagnostics: list[Any], source: str) -> Any:
+    """Newest status of ``/diagnostics`` whose name ends with `source`; None if there is none."""
+    for message in reversed(diagnostics):
+        for status in message.status:
+            if status.name.endswith(source):
+                return status
+    return None
+
+
+def figures(diagnostics: list[Any], source: str) -> dict[str, str]:
+    """Values of the newest status of a source."""
+    status = newest(diagnostics, source)
+    return {} if status is None else {pair.key: pair.value for pair in status.values}

@@ -11,9 +11,11 @@ from nav_msgs.msg import Odometry
 from ros_harness import (
     START_NS,
     Robot,
+    figures,
     image_message,
     imu_message,
     jpeg_message,
+    newest,
     odometry_message,
     panorama,
     scene,
@@ -74,20 +76,6 @@ SAME_AGAIN = (
 
 def level_of(status):
     return int.from_bytes(status.level, "little")
-
-
-def newest(diagnostics, source):
-    """Newest status whose name ends with `source`; None if there is none."""
-    for message in reversed(diagnostics):
-        for status in message.status:
-            if status.name.endswith(source):
-                return status
-    return None
-
-
-def figures(diagnostics, source):
-    status = newest(diagnostics, source)
-    return {} if status is None else {pair.key: pair.value for pair in status.values}
 
 
 def faults(diagnostics, source):
