@@ -3,10 +3,10 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test lint bench config clean
+.PHONY: demo test lint bench evaluate config clean
 
 $(VENV)/base.stamp: pyproject.toml
-	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	.ci/venv $(PYTHON) $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e .
 	touch $@
 
@@ -24,6 +24,12 @@ lint: $(VENV)/dev.stamp
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+
+bench: $(VENV)/dev.stamp
+	set -e; for script in tests/benchmarks/*.py; do echo "== $$script"; $(BIN)/python $$script; done
+
+evaluate: $(VENV)/base.stamp
+	$(BIN)/visual-compass evaluate --seeds 20 --json out/evaluation.json
 
 config: $(VENV)/base.stamp
 	{ echo '# All parameters with their defaults, for ros2 --params-file and visual-compass --config. Made by `make config`.'; \
