@@ -41,14 +41,22 @@ class FusionConfig(ParameterSet):
     gyro_scale_sigma: float = parameter(
         0.001, "error of the gyro's scale factor to expect, standard deviation", low=0.0, high=0.5
     )
-    track_sigma: float = parameter(
-        0.02, "noise of the turn rate the tracks claim while driving straight, standard deviation", unit="rad/s",
+    odometry: str = parameter(
+        "pose",
+        "what of the track odometry is fused: the turn between its poses, or its turn rates",
+        choices=("pose", "twist"),
+    )
+    track_interval: float = parameter(
+        0.5, "over how long the tracks' turn is measured; the longer, the less stamps that are off matter",
+        unit="s", low=0.0, high=60.0,
+    )  # fmt: skip
+    track_noise: float = parameter(
+        0.01, "noise of the yaw the tracks claim: its standard deviation after one second", unit="rad/sqrt(s)",
         low=1e-6, high=10.0,
     )  # fmt: skip
-    odometry: str = parameter(
-        "twist", "what of the track odometry is fused: its turn rate or the turn between its poses",
-        choices=("twist", "pose"),
-    )  # fmt: skip
+    track_timing: float = parameter(
+        0.05, "how far the odometry's stamps may be off, standard deviation", unit="s", low=0.0, high=1.0
+    )
     track_slip_turn: float = parameter(
         0.05, "straying of the tracks' turn rate in turns, as a fraction of it, standard deviation", low=0.0, high=10.0
     )

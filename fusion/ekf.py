@@ -19,6 +19,7 @@ from fusion.config import FusionConfig
 
 Array = npt.NDArray[np.float64]
 CLONES = 3
+CREEP_RATE = 5e-4  # rad/s
 
 
 class State(IntEnum):
@@ -30,14 +31,15 @@ class State(IntEnum):
     SCALE = 3  # turn rate claimed by the tracks over the true one
     GYRO_SCALE = 4  # excess of the gyro's scale factor over one
     VEER = 5  # turn that the tracks claim per metre driven straight, rad/m
-    SLIP = 6  # passing error of the tracks, in units of its standard deviation
-    COMPASS_ERROR = 7  # lasting error of the compass, in units of its standard deviation
-    TRACK_REF = 8  # yaw at the last pose of the track odometry, rad
-    CLONE = 9  # first of CLONES yaws at compass references, rad
+    SLIP = 6  # passing error of the tracks' turn rate, in units of its standard deviation
+    TRACK_ERROR = 7  # turn that slip and veer have added to the claim since the last reference of the tracks, rad
+    TRACK_REF = 8  # yaw at that reference, rad
+    COMPASS_ERROR = 9  # lasting error of the compass, in units of its standard deviation
+    CLONE = 10  # first of CLONES yaws at compass references, rad
 
 
 DIM = State.CLONE + CLONES
-YAWS = np.array([s == State.YAW or s >= State.TRACK_REF for s in range(DIM)])
+YAWS = np.array([s in (State.YAW, State.TRACK_REF) or s >= State.CLONE for s in range(DIM)])
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,6 +78,8 @@ class YawEkf(ExtendedKalmanFilter):
 
     x: Array
     P: Array
+    track_speed: float  # m/s, what the tracks last claimed
+    track_stray: float  # rad/s, standard deviation of the passing error they have at that
 
     def __init__(self, config: FusionConfig) -> None:
         super().__init__(dim_x=DIM, dim_z=1)  # type: ignore[no-untyped-call]
@@ -92,13 +96,14 @@ class YawEkf(ExtendedKalmanFilter):
         sigma[State.SLIP] = sigma[State.COMPASS_ERROR] = 1.0
         self.P = np.diag(sigma**2)
         self.P[np.ix_(YAWS, YAWS)] = config.initial_yaw_sigma**2
+        self.track_speed = self.track_stray = 0.0
 
-    def predict_for(self, dt: float) -> None:
-        """Move the state on by `dt` seconds."""
-        self.F, self.Q = self.transition(dt)
+    def predict_for(self, dt: float, *, still: bool = False) -> None:
+        """Move the state on by `dt` seconds; `still`: without any change of the turn rate."""
+        self.F, self.Q = self.transition(dt, still=still)
         self.predict()  # type: ignore[no-untyped-call]
 
-    def transition(self, dt: float) -> tuple[Array, Array]:
+    def transition(self, dt: float, *, still: bool = False) -> tuple[Array, Array]:
         """Transition F and process noise Q over `dt` seconds.
 
         The turn rate walks randomly, the yaw is its integral; once the rate's variance would exceed that of a robot
@@ -108,24 +113,29 @@ class YawEkf(ExtendedKalmanFilter):
         config = self.config
         F, Q = np.eye(DIM), np.zeros((DIM, DIM))
         q, prior = config.rate_walk**2, config.initial_rate_sigma**2
-        if self.P[State.RATE, State.RATE] + q * dt > prior:
-            a = q / (2.0 * prior)
-            e = math.exp(-a * dt)
-            F[State.YAW, State.RATE], F[State.RATE, State.RATE] = (1.0 - e) / a, e
-            yaw = prior * (2.0 * a * dt - 3.0 + 4.0 * e - e**2) / a**2
-            cross, rate = prior * (1.0 - e) ** 2 / a, prior * (1.0 - e**2)
-        else:
-            F[State.YAW, State.RATE] = dt
-            yaw, cross, rate = q * dt**3 / 3.0, q * dt**2 / 2.0, q * dt
-        Q[State.YAW, State.YAW], Q[State.RATE, State.RATE] = yaw, rate
-        Q[State.YAW, State.RATE] = Q[State.RATE, State.YAW] = cross
+        F[State.YAW, State.RATE] = dt
+        if not still and self.P[State.RATE, State.RATE] + q * dt > prior:
+            _integrate_gauss_markov(F, Q, State.RATE, State.YAW, 2.0 * prior / q, prior**0.5, 1.0, dt)
+        elif not still:
+            Q[State.YAW, State.YAW], Q[State.RATE, State.RATE] = q * dt**3 / 3.0, q * dt
+            Q[State.YAW, State.RATE] = Q[State.RATE, State.YAW] = q * dt**2 / 2.0
         Q[State.BIAS, State.BIAS] = config.bias_walk**2 * dt
         Q[State.SCALE, State.SCALE] = config.scale_walk**2 * dt
-        F[State.SLIP, State.SLIP] = math.exp(-dt / config.slip_time)
-        Q[State.SLIP, State.SLIP] = -math.expm1(-2.0 * dt / config.slip_time)
+        F[State.TRACK_ERROR, State.VEER] = self.track_speed * dt
+        _integrate_gauss_markov(F, Q, State.SLIP, State.TRACK_ERROR, config.slip_time, 1.0, self.track_stray, dt)
         F[State.COMPASS_ERROR, State.COMPASS_ERROR] = math.exp(-dt / config.compass_error_time)
         Q[State.COMPASS_ERROR, State.COMPASS_ERROR] = -math.expm1(-2.0 * dt / config.compass_error_time)
         return F, Q
+
+    def hear_tracks(self, yaw_rate: float, speed: float) -> None:
+        """Note what the tracks claim (rad/s, m/s): how far they stray grows with turning and with speed."""
+        self.track_speed = speed
+        self.track_stray = math.hypot(self.config.track_slip_turn * yaw_rate, self.config.track_slip_speed * speed)
+
+    def refer_tracks(self) -> None:
+        """Make the present the reference of the tracks."""
+        self.clone_yaw(State.TRACK_REF)
+        self.renew(State.TRACK_ERROR, 0.0)
 
     def clone_yaw(self, into: int) -> None:
         """Copy the present yaw, with all its correlations, into state `into`."""
@@ -171,39 +181,28 @@ class YawEkf(ExtendedKalmanFilter):
         R = self.config.gyro_sigma**2 if variance is None else variance
         return Measurement(yaw_rate - gain * rate - float(x[State.BIAS]), H, R)
 
-    def track_rate(self, yaw_rate: float, speed: float, *, alone: bool = False) -> Measurement:
-        """What the tracks' claimed turn rate (rad/s) at a claimed speed (m/s) says: scale rate + veer speed + slip.
+    def tracks(self, turn: float, noise: float, *, modulo_turn: bool, alone: bool) -> Measurement:
+        """What the turn (rad) claimed since the tracks' reference says: scale times the true turn, plus their error.
 
-        `alone` says that nothing else measures the turning. Scale and slip cannot be observed then (linearised, the
-        tracks would seem to tell them all the same), so they are only considered.
+        `noise` is the variance of its white noise, rad^2; a pose counts no turns (`modulo_turn`). `alone` says that
+        nothing else measures the turning. The scale cannot be observed then (linearised, the tracks would seem to tell
+        it all the same), so it is only considered.
+
+        The second-order terms of scale times turn are kept (Bar-Shalom, Li & Kirubarajan 2001, section 10.3.2), but
+        not when the tracks are alone: then the two err together so that their product is right. From sample to sample
+        the turn changes by more than its noise, so the scale's error goes into the rate by the *new* turn: `H_after`.
         """
-        M = np.zeros(DIM)
-        M[State.RATE] = 1.0
-        return self._tracks(yaw_rate, M, speed, 1.0, alone)
-
-    def track_turn(self, turn: float, speed: float, dt: float, *, alone: bool = False) -> Measurement:
-        """What the turn (rad) between two poses `dt` s apart says: the same as the rate, times `dt`."""
         M = np.zeros(DIM)
         M[State.YAW], M[State.TRACK_REF] = 1.0, -1.0
-        expected = self.x[State.SCALE] * (M @ self.x)
-        counted = float(expected + wrap_angle(turn - expected))  # a pose counts no turns
-        return self._tracks(counted, M, speed, dt, alone)
-
-    def _tracks(self, z: float, M: Array, speed: float, dt: float, alone: bool) -> Measurement:
-        """Linearise a claim `z` on the motion ``M x``, made over `dt` s (1: a rate).
-
-        The second-order terms of scale times motion are kept (Bar-Shalom, Li & Kirubarajan 2001, section 10.3.2), but
-        not when the tracks are alone: then the two err together so that their product is right. From sample to sample
-        the motion changes by more than its noise, so scale and slip go into the rate by the *new* motion: `H_after`.
-        """
         PM = self.P @ M
-        moved, scale = float(M @ self.x), float(self.x[State.SCALE])
+        true_turn, scale = float(M @ self.x), float(self.x[State.SCALE])
         H = scale * M
-        H[State.VEER] = speed * dt
-        H[State.SLIP] = self._slip(scale * moved / dt, speed) * dt
-        innovation = z - float(H @ self.x)
-        H[State.SCALE] = moved
-        R = (self.config.track_sigma * dt) ** 2
+        H[State.TRACK_ERROR] = 1.0
+        innovation = turn - float(H @ self.x)
+        if modulo_turn:
+            innovation = float(wrap_angle(innovation))
+        H[State.SCALE] = true_turn
+        R = noise
         if not alone:
             cross = float(PM[State.SCALE])
             innovation -= cross
@@ -211,13 +210,18 @@ class YawEkf(ExtendedKalmanFilter):
         PH = self.P @ H
         H_after = H.copy()
         H_after[State.SCALE] += float(M @ PH) / (float(H @ PH) + R) * innovation
-        H_after[State.SLIP] = self._slip(z / dt, speed) * dt
-        consider = (State.SCALE, State.SLIP) if alone else ()
-        return Measurement(innovation, H[None, :], R, H_after[None, :], consider)
+        return Measurement(innovation, H[None, :], R, H_after[None, :], (State.SCALE,) if alone else ())
 
-    def _slip(self, yaw_rate: float, speed: float) -> float:
-        """Standard deviation of the tracks' passing error, rad/s: it grows with turning and with speed."""
-        return math.hypot(self.config.track_slip_turn * yaw_rate, self.config.track_slip_speed * speed)
+    def standstill(self) -> Measurement:
+        """What standing still says: no turn rate, but for a creep too slow to be found."""
+        H = np.zeros((1, DIM))
+        H[0, State.RATE] = 1.0
+        return Measurement(-float(self.x[State.RATE]), H, CREEP_RATE**2)
+
+    def widen(self, index: State, variance: float) -> None:
+        """Add to the variance of state `index`."""
+        self.P = self.P.copy()
+        self.P[index, index] += variance
 
     def compass(self, yaw: float, variance: float, clone: int) -> Measurement:
         """What an increment (rad, variance rad^2) since state `clone` says: a difference of yaws, modulo a turn.
@@ -253,3 +257,15 @@ class YawEkf(ExtendedKalmanFilter):
             A = np.eye(DIM) - K @ H
             self.x = prior_x + K[:, 0] * measurement.innovation
             self.P = A @ prior_P @ A.T + measurement.R * (K @ K.T)  # Joseph: holds for any gain
+
+
+def _integrate_gauss_markov(
+    F: Array, Q: Array, state: State, integral: State, time: float, sigma: float, gain: float, dt: float
+) -> None:
+    """Enter a Gauss-Markov `state` of correlation `time` and `sigma`, and `gain` times its integral."""
+    e = math.exp(-dt / time)
+    F[state, state] = e
+    F[integral, state] = gain * time * (1.0 - e)
+    Q[state, state] = sigma**2 * (1.0 - e**2)
+    Q[integral, state] = Q[state, integral] = gain * sigma**2 * time * (1.0 - e) ** 2
+    Q[integral, integral] = (gain * sigma * time) ** 2 * (2.0 * dt / time - 3.0 + 4.0 * e - e**2)

@@ -8,14 +8,15 @@ from __future__ import annotations
 import copy
 from dataclasses import dataclass, field
 
-import numpy as np
-
 from fusion.config import FusionConfig
-from fusion.ekf import CLONES, DIM, Array, Measurement, State, YawEkf
+from fusion.ekf import CLONES, Array, Measurement, State, YawEkf
 from fusion.events import CompassEvent, FusionEvent, GyroEvent, HeadingEvent, Sensor, TracksEvent
 from fusion.gating import Gate, Verdict, gate_limit
 from fusion.samples import OdometrySample, YawEstimate
+from fusion.standstill import Stillness
 
+WAKING = 0.1  # s; so long may the robot have been turning when the first sign of it comes
+LONGEST_GAP_NS = 500_000_000  # between odometry samples whose rates are integrated
 ALONE_NS = 500_000_000  # longer than the gap between two images of a slow camera
 
 
@@ -38,6 +39,33 @@ class Clone:
     reference: bool
 
 
+@dataclass(frozen=True, slots=True)
+class TrackClaim:
+    """What the tracks claim since a reference.
+
+    Attributes
+    ----------
+    reference, last : OdometrySample
+        At the reference, and the newest.
+    turn : float
+        Integral of the claimed rates from `reference` to `last`, rad.
+    """
+
+    reference: OdometrySample
+    last: OdometrySample
+    turn: float
+
+    def turn_until(self, sample: OdometrySample, mode: str) -> tuple[float | None, bool]:
+        """Turn (rad) from the reference to `sample`, None if that cannot be told; and whether modulo a turn.
+
+        By the poses if `mode` is ``pose`` and both have a yaw, else by the turn rates in between.
+        """
+        if mode == "pose" and sample.yaw is not None and self.reference.yaw is not None:
+            return sample.yaw - self.reference.yaw, True
+        gap_ns = sample.t_ns - self.last.t_ns
+        return (self.turn + sample.yaw_rate * gap_ns * 1e-9 if gap_ns <= LONGEST_GAP_NS else None), False
+
+
 @dataclass(slots=True)
 class FilterState:
     """All that the filter knows after an event; its members are replaced, never changed.
@@ -50,24 +78,31 @@ class FilterState:
         Time they hold for, ns; None before the first event.
     clones : tuple of Clone or None
         What each clone slot holds.
-    track_pose : OdometrySample or None
-        The odometry sample at whose time the state TRACK_REF was cloned.
+    tracks : TrackClaim or None
+        What the tracks claim since the state TRACK_REF was cloned.
+    track_speed, track_stray : float
+        See `YawEkf`.
     gates : dict of Sensor to Gate
         Gate and last report of each sensor.
     references_lost : int
         Increments whose reference the filter had never seen or forgotten.
     reference_ns : int or None
         Reference of the last increment.
+    stillness : Stillness
+        Signs of standing still.
     """
 
     x: Array
     P: Array
     t_ns: int | None = None
     clones: tuple[Clone | None, ...] = (None,) * CLONES
-    track_pose: OdometrySample | None = None
+    tracks: TrackClaim | None = None
+    track_speed: float = 0.0
+    track_stray: float = 0.0
     gates: dict[Sensor, Gate] = field(default_factory=lambda: {sensor: Gate() for sensor in Sensor})
     references_lost: int = 0
     reference_ns: int | None = None
+    stillness: Stillness = field(default_factory=lambda: Stillness(0))
 
 
 class YawFilter:
@@ -84,8 +119,11 @@ class YawFilter:
         """State after `event`, which must not be older than `before`."""
         state, ekf = copy.copy(before), self._ekf
         ekf.x, ekf.P = before.x, before.P
+        ekf.track_speed, ekf.track_stray = before.track_speed, before.track_stray
         if before.t_ns is not None and event.t_ns > before.t_ns:
-            ekf.predict_for((event.t_ns - before.t_ns) * 1e-9)
+            ekf.predict_for((event.t_ns - before.t_ns) * 1e-9, still=before.stillness.standing)
+        if before.t_ns is None:
+            state.stillness = Stillness(event.t_ns)
         state.t_ns = event.t_ns
         if isinstance(event, GyroEvent):
             self._fuse_gyro(state, event)
@@ -97,38 +135,63 @@ class YawFilter:
             ekf.turn_frame(event.heading, event.variance)
         else:
             self._remember(state, event.t_ns, reference=True)
+        self._settle(state)
         state.x, state.P = ekf.x, ekf.P
         return state
 
+    def _watch(self, state: FilterState, stillness: Stillness) -> None:
+        """Take note of what a sample says of standing; at the first sign of motion the turn rate is free again."""
+        if state.stillness.standing and not stillness.standing:
+            self._ekf.widen(State.RATE, self.config.rate_walk**2 * WAKING)
+        state.stillness = stillness
+
+    def _settle(self, state: FilterState) -> None:
+        """Pin the turn rate once the robot is found to stand."""
+        bias, variance = float(self._ekf.x[State.BIAS]), float(self._ekf.P[State.BIAS, State.BIAS])
+        stillness = state.stillness.judged(state.t_ns or 0, bias, variance**0.5)
+        if stillness.standing and not state.stillness.standing:
+            self._ekf.correct(self._ekf.standstill())
+        state.stillness = stillness
+
     def _fuse_gyro(self, state: FilterState, event: GyroEvent) -> None:
-        measurement = self._ekf.gyro(event.sample.yaw_rate, event.sample.variance)
+        sample = event.sample
+        sigma = self.config.gyro_sigma if sample.variance is None else sample.variance**0.5
+        self._watch(state, state.stillness.with_gyro(sample.t_ns, sample.yaw_rate, sigma))
+        measurement = self._ekf.gyro(sample.yaw_rate, sample.variance)
         if self._judge(state, Sensor.GYRO, measurement) is Verdict.RECOVERED:
             # the bias has jumped: open it until the gate is met
             excess = measurement.innovation**2 / self._limit - self._ekf.innovation_variance(measurement)
-            self._widen(State.BIAS, excess)
+            self._ekf.widen(State.BIAS, excess)
             self._ekf.correct(measurement)
 
     def _fuse_tracks(self, state: FilterState, event: TracksEvent) -> None:
-        sample, before, alone = event.sample, state.track_pose, self._tracks_alone(state)
-        if self.config.odometry == "twist" or sample.yaw is None:
-            measurement = self._ekf.track_rate(sample.yaw_rate, sample.speed, alone=alone)
+        sample, ekf, tracks = event.sample, self._ekf, state.tracks
+        self._watch(state, state.stillness.with_tracks(sample))
+        alone = self._tracks_alone(state)
+        turn, modulo_turn = tracks.turn_until(sample, self.config.odometry) if tracks else (None, False)
+        seconds = (sample.t_ns - tracks.reference.t_ns) * 1e-9 if tracks else 0.0
+        if tracks is None or turn is None:
+            state.tracks = TrackClaim(sample, sample, 0.0)
+            ekf.refer_tracks()
+        elif seconds > 0.0 and (alone or seconds >= self.config.track_interval - 1e-6):
+            jerk = (sample.yaw_rate - tracks.reference.yaw_rate) * self.config.track_timing
+            noise = self.config.track_noise**2 * seconds + jerk**2
+            measurement = ekf.tracks(turn, noise, modulo_turn=modulo_turn, alone=alone)
+            if self._judge(state, Sensor.TRACKS, measurement) is Verdict.RECOVERED:
+                # the ground has changed: open the scale as far as it can explain the claim
+                ekf.widen(State.SCALE, self.config.initial_scale_sigma**2)
+            state.tracks = TrackClaim(sample, sample, 0.0)
+            ekf.refer_tracks()
         else:
-            state.track_pose = sample
-            if before is None or before.yaw is None or sample.t_ns == before.t_ns:
-                self._ekf.clone_yaw(State.TRACK_REF)
-                return
-            dt = (sample.t_ns - before.t_ns) * 1e-9
-            turn = sample.yaw - before.yaw
-            measurement = self._ekf.track_turn(turn, sample.speed, dt, alone=alone)
-        if self._judge(state, Sensor.TRACKS, measurement) is Verdict.RECOVERED:
-            # the ground has changed: open the scale as far as it can explain the claim
-            self._widen(State.SCALE, self.config.initial_scale_sigma**2)
-        if state.track_pose is sample:
-            self._ekf.clone_yaw(State.TRACK_REF)
+            gap = (sample.t_ns - tracks.last.t_ns) * 1e-9
+            state.tracks = TrackClaim(tracks.reference, sample, tracks.turn + sample.yaw_rate * gap)
+        ekf.hear_tracks(sample.yaw_rate, sample.speed)
+        state.track_speed, state.track_stray = ekf.track_speed, ekf.track_stray
 
     def _fuse_increment(self, state: FilterState, event: CompassEvent) -> None:
         increment, ekf = event.sample, self._ekf
         slot = next((i for i, c in enumerate(state.clones) if c and c.t_ns == increment.t_ref_ns), None)
+        self._watch(state, state.stillness.with_increment(increment))
         if increment.t_ref_ns != state.reference_ns:
             ekf.renew(State.COMPASS_ERROR, 1.0)
             state.reference_ns = increment.t_ref_ns
@@ -142,7 +205,7 @@ class YawFilter:
             if self._judge(state, Sensor.COMPASS, measurement) is Verdict.RECOVERED:
                 # whoever erred, what comes from now on counts; should it be the gyro's bias, let it move
                 ekf.anchor(State.CLONE + slot, measurement)
-                self._widen(State.BIAS, self.config.initial_bias_sigma**2)
+                ekf.widen(State.BIAS, self.config.initial_bias_sigma**2)
         self._mark(state, slot, Clone(increment.t_ref_ns, event.t_ns, reference=True))
         self._remember(state, event.t_ns, reference=False)
 
@@ -161,11 +224,6 @@ class YawFilter:
         if verdict is Verdict.ACCEPTED:
             self._ekf.correct(measurement)
         return verdict
-
-    def _widen(self, index: State, variance: float) -> None:
-        spread = np.zeros(DIM)
-        spread[index] = variance
-        self._ekf.P = self._ekf.P + np.diag(spread)
 
     def _remember(self, state: FilterState, t_ns: int, *, reference: bool) -> int:
         """Clone the present yaw as a reference, or as a candidate for one; return the slot."""
@@ -199,4 +257,5 @@ def estimate_of(state: FilterState) -> YawEstimate | None:
         gyro_bias_variance=float(P[State.BIAS, State.BIAS]),
         track_scale=float(x[State.SCALE]),
         track_scale_variance=float(P[State.SCALE, State.SCALE]),
+        standstill=state.stillness.standing,
     )

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -77,21 +78,19 @@ def _gauss_markov(rng, n, time):
 
 
 def _tracks(rng, at, t_ns, motion, errors, config):
-    yaw, rate, speed = (array[at] for array in motion)
-    scale, veer, slip = errors[0][at], errors[1], errors[2][at]
-    dt = (t_ns[at[1]] - t_ns[at[0]]) * 1e-9
-    white = config.track_sigma * rng.normal(size=(2, at.size))
-    # the straying grows with what is claimed; what is claimed contains it: two rounds settle it
-    claimed = scale * rate + veer * speed
-    for _ in range(3):
-        stray = np.hypot(config.track_slip_turn * claimed, config.track_slip_speed * speed) * slip
-        claimed = scale * rate + veer * speed + stray + white[0]
-    turn = scale[1:] * np.diff(yaw) + (veer * speed + stray + white[1])[1:] * dt
-    pose = wrap_angle(np.concatenate([[0.3], 0.3 + np.cumsum(turn)]))
-    return [
-        OdometrySample(int(t), float(w), float(v), float(p))
-        for t, w, v, p in zip(t_ns[at], claimed, speed, pose, strict=True)
-    ]
+    """What the tracks claim from sample to sample; how far they stray follows from the claim before."""
+    yaw, _, speed = motion
+    scale, veer, slip = errors
+    turn, stray = [0.0], 0.0
+    for a, b in pairwise(at):
+        dt = (t_ns[b] - t_ns[a]) * 1e-9
+        slipped = stray * np.mean(slip[a : b + 1]) * dt
+        turn.append(scale[b] * (yaw[b] - yaw[a]) + veer * speed[a] * dt + slipped)
+        turn[-1] += config.track_noise * math.sqrt(dt) * rng.normal()
+        stray = math.hypot(config.track_slip_turn * turn[-1] / dt, config.track_slip_speed * speed[b])
+    pose = wrap_angle(0.3 + np.cumsum(turn))
+    rows = zip(t_ns[at], np.array(turn) / dt, speed[at], pose, strict=True)
+    return [OdometrySample(int(t), float(w), float(v), float(p)) for t, w, v, p in rows]
 
 
 def _compass(rng, at, t_ns, yaw, hold, config):

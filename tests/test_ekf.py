@@ -26,15 +26,8 @@ def expected_gyro(x):
     return (1.0 + x[State.GYRO_SCALE]) * x[State.RATE] + x[State.BIAS]
 
 
-def expected_track_rate(x, config, rate):
-    stray = math.hypot(config.track_slip_turn * rate, config.track_slip_speed * 0.7)
-    return x[State.SCALE] * x[State.RATE] + 0.7 * x[State.VEER] + stray * x[State.SLIP]
-
-
-def expected_track_turn(x, config, rate):
-    stray = math.hypot(config.track_slip_turn * rate, config.track_slip_speed * 0.7)
-    turn = x[State.YAW] - x[State.TRACK_REF]
-    return x[State.SCALE] * turn + 0.02 * (0.7 * x[State.VEER] + stray * x[State.SLIP])
+def expected_track_turn(x):
+    return x[State.SCALE] * (x[State.YAW] - x[State.TRACK_REF]) + x[State.TRACK_ERROR]
 
 
 def expected_compass(x, config, variance):
@@ -43,13 +36,9 @@ def expected_compass(x, config, variance):
 
 
 def test_jacobians_equal_finite_differences(ekf):
-    # how far the tracks stray is taken at the present rate and held
-    rate = ekf.x[State.SCALE] * ekf.x[State.RATE]
-    turning = ekf.x[State.SCALE] * (ekf.x[State.YAW] - ekf.x[State.TRACK_REF]) / 0.02
     pairs = [
         (ekf.gyro(0.0, None), expected_gyro),
-        (ekf.track_rate(0.0, 0.7, alone=True), lambda x: expected_track_rate(x, ekf.config, rate)),
-        (ekf.track_turn(0.0, 0.7, 0.02, alone=True), lambda x: expected_track_turn(x, ekf.config, turning)),
+        (ekf.tracks(0.0, 1e-4, modulo_turn=True, alone=True), expected_track_turn),
         (ekf.compass(0.0, 1e-4, State.CLONE), lambda x: expected_compass(x, ekf.config, 1e-4)),
     ]
     step = 1e-6  # all models are at most bilinear, so central differences err by rounding alone: 1e-16 / 1e-6
@@ -153,7 +142,7 @@ def test_compass_innovation_is_wrapped(ekf, degrees):
 
 def test_considered_states_keep_value_and_variance(ekf):
     scale, variance = ekf.x[State.SCALE], ekf.P[State.SCALE, State.SCALE]
-    ekf.correct(ekf.track_rate(0.5, 0.2, alone=True))
+    ekf.correct(ekf.tracks(0.5, 1e-4, modulo_turn=False, alone=True))
     assert (ekf.x[State.SCALE], ekf.P[State.SCALE, State.SCALE]) == (scale, variance)
     assert np.all(np.linalg.eigvalsh(ekf.P) > -1e-12)
 

@@ -14,13 +14,14 @@ SUBSETS = [tuple(s for i, s in enumerate(SENSORS) if mask >> i & 1) for mask in 
 STARTS = [math.radians(d) for d in (0.0, 60.0, 180.0, -120.0)] + [math.pi - 1e-9, -math.pi + 1e-9]
 
 
-def turning(rate, seconds, sensors=SENSORS, bias=0.0, scale=1.0):
+def turning(rate, seconds, sensors=SENSORS, bias=0.0, scale=1.0, pose=True):
     """Exact samples of a constant turn rate, in the order of their stamps."""
     samples = []
     if "gyro" in sensors:
         samples += [GyroSample(i * 10_000_000, rate + bias) for i in range(round(100 * seconds) + 1)]
     if "tracks" in sensors:
-        samples += [OdometrySample(i * 20_000_000, scale * rate, 0.3) for i in range(round(50 * seconds) + 1)]
+        stamps = [i * 20_000_000 for i in range(round(50 * seconds) + 1)]
+        samples += [OdometrySample(t, scale * rate, 0.3, scale * rate * t * 1e-9 if pose else None) for t in stamps]
     if "compass" in sensors:
         step = float(wrap_angle(rate * 0.1))
         stamps = [i * 100_000_000 for i in range(round(10 * seconds) + 1)]
@@ -38,7 +39,7 @@ def fused(samples, config=None):
 @pytest.mark.parametrize("sensors", SUBSETS, ids="+".join)
 @pytest.mark.parametrize("start", STARTS)
 def test_yaw_of_constant_turn_from_any_start(sensors, start):
-    estimate = fused(turning(0.5, 20.0, sensors), FusionConfig(initial_yaw=start))
+    estimate = fused(turning(0.5, 20.0, sensors, pose=start < 1.0), FusionConfig(initial_yaw=start))
     # exact samples: what remains is the first sample's doubt whether the rate is rate, bias or scale
     assert abs(estimate.yaw - start - 10.0) < 4.0 * math.sqrt(estimate.yaw_variance)
     if "compass" in sensors:
@@ -51,8 +52,9 @@ def test_estimate_before_first_sample_is_none():
     assert YawFusion().estimate() is None
 
 
-def test_bias_and_scale_are_learned_with_compass():
-    estimate = fused(turning(0.5, 60.0, bias=0.01, scale=0.9))
+@pytest.mark.parametrize("pose", [True, False])
+def test_bias_and_scale_are_learned_with_compass(pose):
+    estimate = fused(turning(0.5, 60.0, bias=0.01, scale=0.9, pose=pose))
     assert abs(estimate.gyro_bias - 0.01) < 3.0 * math.sqrt(estimate.gyro_bias_variance) < 0.003
     assert abs(estimate.track_scale - 0.9) < 3.0 * math.sqrt(estimate.track_scale_variance) < 0.1
 

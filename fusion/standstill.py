@@ -1,0 +1,155 @@
+"""Standstill, found from all sensors together.
+
+Each sensor is watched since the last sign of motion. The robot is taken to stand once none of those that speak shows
+any, and the tracks or the compass could by now have seen a turn as slow as `RESOLUTION`: the gyro alone cannot tell a
+slow turn from its bias. One sign of motion from one sensor ends it.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+
+from compass import YawIncrement, wrap_angle
+from fusion.samples import OdometrySample
+
+RESOLUTION = 0.002  # rad/s; about 0.1 deg/s, slower turns are left to the filter, which goes on estimating the rate
+SHORTEST_NS = 500_000_000  # of quiet before it is called standstill
+SILENT_NS = 1_000_000_000  # a sensor not heard for so long has no say
+ROUGH = 0.02  # rad/s; noise to expect of resting tracks until it is known
+CREEP = 0.01  # m/s; slower is not driving
+LATELY = 25  # gyro samples in its recent mean, for turns too slow to show in one sample
+CLEAR = 4.0  # standard deviations that make a sign of motion
+
+
+@dataclass(frozen=True, slots=True)
+class Running:
+    """Mean and scatter of a series, one value at a time (Welford 1962, doi:10.1080/00401706.1962.10490022)."""
+
+    count: int = 0
+    mean: float = 0.0
+    squares: float = 0.0
+
+    def add(self, value: float) -> Running:
+        """With one more value."""
+        count = self.count + 1
+        step = value - self.mean
+        mean = self.mean + step / count
+        return Running(count, mean, self.squares + step * (value - mean))
+
+    @property
+    def sigma(self) -> float:
+        """Standard deviation of the values; 0 for fewer than two."""
+        return math.sqrt(self.squares / (self.count - 1)) if self.count > 1 else 0.0
+
+    @property
+    def mean_sigma(self) -> float:
+        """Standard deviation of the mean; infinite for fewer than five values, which tell no scatter."""
+        return self.sigma / math.sqrt(self.count) if self.count > 4 else math.inf
+
+
+@dataclass(frozen=True, slots=True)
+class CompassTurn:
+    """Turn (rad) the compass has seen since `start_ns`: an increment less `offset`, whose variance is `variance`."""
+
+    start_ns: int
+    t_ns: int
+    reference_ns: int
+    offset: float
+    variance: float
+    turn: float
+    turn_variance: float
+
+    @staticmethod
+    def begin(increment: YawIncrement) -> CompassTurn:
+        """Count from the increment's image on."""
+        i = increment
+        return CompassTurn(i.t_ns, i.t_ns, i.t_ref_ns, i.yaw, i.variance, 0.0, 2.0 * i.variance)
+
+    def add(self, increment: YawIncrement) -> CompassTurn:
+        """With the next increment; counts from it anew if its reference cannot be joined to what went before."""
+        i = increment
+        offset, variance = self.offset, self.variance
+        if i.t_ref_ns == self.t_ns:
+            offset, variance = -self.turn, self.turn_variance
+        elif i.t_ref_ns != self.reference_ns:
+            return CompassTurn.begin(i)
+        turn = float(wrap_angle(i.yaw - offset))
+        return CompassTurn(self.start_ns, i.t_ns, i.t_ref_ns, offset, variance, turn, variance + i.variance)
+
+    @property
+    def quiet(self) -> bool:
+        """Whether it could be no turn at all."""
+        return abs(self.turn) <= CLEAR * math.sqrt(self.turn_variance)
+
+    @property
+    def resolution(self) -> float:
+        """Standard deviation of the mean rate since the start, rad/s."""
+        seconds = (self.t_ns - self.start_ns) * 1e-9
+        return math.sqrt(self.turn_variance) / seconds if seconds > 0.0 else math.inf
+
+
+@dataclass(frozen=True, slots=True)
+class Stillness:
+    """What each sensor has shown since the last sign of motion at `since_ns`, and whether that is standstill."""
+
+    since_ns: int
+    standing: bool = False
+    gyro_ns: int | None = None
+    gyro_sigma: float = 0.0
+    gyro: Running = field(default_factory=Running)
+    gyro_lately: float = 0.0
+    tracks_ns: int | None = None
+    track_rate: Running = field(default_factory=Running)
+    track_speed: Running = field(default_factory=Running)
+    compass: CompassTurn | None = None
+
+    def moved(self, t_ns: int) -> Stillness:
+        """After a sign of motion."""
+        return Stillness(t_ns)
+
+    def with_gyro(self, t_ns: int, yaw_rate: float, sigma: float) -> Stillness:
+        """After a gyro sample of noise `sigma` (rad/s)."""
+        known, lately = self.gyro, self.gyro_lately
+        if known.count > 4 and abs(yaw_rate - known.mean) > (CLEAR + 1.0) * sigma:
+            return self.moved(t_ns)
+        lately = lately + (yaw_rate - lately) / min(known.count + 1, LATELY)
+        if known.count > 2 * LATELY and abs(lately - known.mean) > CLEAR * sigma * LATELY**-0.5:
+            return self.moved(t_ns)
+        return replace(self, gyro_ns=t_ns, gyro_sigma=sigma, gyro=known.add(yaw_rate), gyro_lately=lately)
+
+    def with_tracks(self, sample: OdometrySample) -> Stillness:
+        """After an odometry sample."""
+        rate, speed = self.track_rate, self.track_speed
+        rate_limit = CLEAR * (rate.sigma if rate.count > 20 else ROUGH) + RESOLUTION
+        speed_limit = CLEAR * speed.sigma + CREEP
+        if abs(sample.yaw_rate) > rate_limit or abs(sample.speed) > speed_limit:
+            return self.moved(sample.t_ns)
+        rate, speed = rate.add(sample.yaw_rate), speed.add(sample.speed)
+        if rate.count > 20 and abs(rate.mean) > CLEAR * rate.mean_sigma + RESOLUTION / 2.0:
+            return self.moved(sample.t_ns)
+        return replace(self, tracks_ns=sample.t_ns, track_rate=rate, track_speed=speed)
+
+    def with_increment(self, increment: YawIncrement) -> Stillness:
+        """After a yaw increment."""
+        compass = self.compass.add(increment) if self.compass else CompassTurn.begin(increment)
+        if not compass.quiet:
+            return self.moved(increment.t_ns)
+        return replace(self, compass=compass)
+
+    def judged(self, t_ns: int, bias: float, bias_sigma: float) -> Stillness:
+        """Decide whether the robot stands at `t_ns`, with what is known of the gyro's bias (rad/s)."""
+        if self.standing or t_ns - self.since_ns < SHORTEST_NS:
+            return self
+        finest = math.inf
+        if self.tracks_ns is not None and t_ns - self.tracks_ns < SILENT_NS:
+            finest = min(finest, self.track_rate.mean_sigma)
+        if self.compass is not None and t_ns - self.compass.t_ns < SILENT_NS:
+            finest = min(finest, self.compass.resolution)
+        if finest > RESOLUTION / 2.0:
+            return self
+        if self.gyro_ns is not None and t_ns - self.gyro_ns < SILENT_NS:
+            off = abs(self.gyro.mean - bias)
+            if self.gyro.sigma > 2.0 * self.gyro_sigma or off > 3.0 * math.hypot(bias_sigma, RESOLUTION):
+                return self
+        return replace(self, standing=True)
