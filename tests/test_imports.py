@@ -1,0 +1,77 @@
+"""Who may import whom; and that nothing but the nodes needs ROS."""
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+NUMERICS = {"numpy", "scipy", "cv2"}
+ROOMS = {
+    "compass": NUMERICS | {"compass"},
+    "fusion": {"numpy", "scipy", "compass", "fusion", "filterpy"},
+    "fusion/simulation": NUMERICS | {"compass", "fusion"},
+    "fusion/offline": NUMERICS | {"compass", "fusion", "rosbags", "matplotlib", "click", "rich"},
+}
+ALSO = {"fusion/settings.py": {"yaml"}}  # the one reader of parameter files
+NEVER = {
+    "compass": ("fusion",),
+    "fusion": ("fusion.offline", "fusion.simulation"),
+    "fusion/simulation": ("fusion.offline",),
+}
+HIDDEN = ("rclpy", "sensor_msgs", "nav_msgs", "std_msgs", "diagnostic_msgs", "builtin_interfaces", "nodes")
+FILES = [(room, file) for room in ROOMS for file in sorted((ROOT / room).glob("*.py"))]
+
+
+def imports(file: Path) -> set[str]:
+    """Full names of the modules a file imports, wherever in it."""
+    found = set()
+    for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{file}: relative import"
+            found |= {str(node.module)} | {f"{node.module}.{alias.name}" for alias in node.names}
+    return found
+
+
+@pytest.mark.parametrize(("room", "file"), FILES, ids=[str(file.relative_to(ROOT)) for _, file in FILES])
+def test_imports_stay_in_their_room(room, file):
+    allowed = ROOMS[room] | ALSO.get(str(file.relative_to(ROOT)), set()) | sys.stdlib_module_names
+    names = imports(file)
+    assert {name.split(".")[0] for name in names} <= allowed
+    for forbidden in NEVER.get(room, ()):
+        assert not [name for name in names if name == forbidden or name.startswith(forbidden + ".")]
+
+
+def test_imports_nothing_outside_the_nodes_imports_them():
+    for file in ROOT.glob("*/**/*.py"):
+        if file.relative_to(ROOT).parts[0] in ("compass", "fusion"):
+            assert not {name for name in imports(file) if name.split(".")[0] in ("nodes", "rclpy")}, file
+
+
+def test_imports_every_module_of_the_core_without_ros():
+    """With rclpy and the message packages unimportable, everything but the nodes still imports."""
+    modules = [".".join(file.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__") for _, file in FILES]
+    code = (
+        "import sys, importlib\n"
+        f"for name in {HIDDEN!r}:\n"
+        "    sys.modules[name] = None\n"
+        f"for name in {modules!r}:\n"
+        "    importlib.import_module(name)\n"
+        "import compass, fusion\n"
+        "for package in (compass, fusion):\n"
+        "    for name in package.__all__:\n"
+        "        getattr(package, name)\n"
+    )
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert result.returncode == 0, result.stderr
+
+
+def test_imports_unknown_name_is_an_attribute_error():
+    import compass
+
+    with pytest.raises(AttributeError, match="module 'compass' has no attribute 'nothing'"):
+        compass.nothing  # noqa: B018
