@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from fusion.gating import SensorReport, Verdict
     from fusion.pipeline import YawFusion, YawPipeline
     from fusion.samples import GyroSample, OdometrySample, YawEstimate
+    from fusion.smoother import smooth
 
 __all__ = [
     "FusionConfig",
@@ -21,6 +22,7 @@ __all__ = [
     "YawEstimate",
     "YawFusion",
     "YawPipeline",
+    "smooth",
 ]
 
 __getattr__, __dir__ = lazy_names(
@@ -35,5 +37,6 @@ __getattr__, __dir__ = lazy_names(
         "GyroSample": "samples",
         "OdometrySample": "samples",
         "YawEstimate": "samples",
+        "smooth": "smoother",
     },
 )

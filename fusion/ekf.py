@@ -68,6 +68,24 @@ class Measurement:
     consider: tuple[State, ...] = ()
 
 
+@dataclass(frozen=True, slots=True)
+class Transition:
+    """A step of the filter by which the state was multiplied with `F` (and possibly moved and widened)."""
+
+    F: Array
+
+
+@dataclass(frozen=True, slots=True)
+class Correction:
+    """A step of the filter that took in a measurement with gain `K`; the rest as in `Measurement`."""
+
+    innovation: float
+    H: Array
+    H_after: Array
+    S: float
+    K: Array
+
+
 class YawEkf(ExtendedKalmanFilter):
     """Yaw, turn rate, gyro bias, track scale and past yaws, estimated together.
 
@@ -97,11 +115,14 @@ class YawEkf(ExtendedKalmanFilter):
         self.P = np.diag(sigma**2)
         self.P[np.ix_(YAWS, YAWS)] = config.initial_yaw_sigma**2
         self.track_speed = self.track_stray = 0.0
+        self.tape: list[Transition | Correction] | None = None  # notes every step where somebody listens
 
     def predict_for(self, dt: float, *, still: bool = False) -> None:
         """Move the state on by `dt` seconds; `still`: without any change of the turn rate."""
         self.F, self.Q = self.transition(dt, still=still)
         self.predict()  # type: ignore[no-untyped-call]
+        if self.tape is not None:
+            self.tape.append(Transition(self.F))
 
     def transition(self, dt: float, *, still: bool = False) -> tuple[Array, Array]:
         """Transition F and process noise Q over `dt` seconds.
@@ -137,18 +158,24 @@ class YawEkf(ExtendedKalmanFilter):
         self.clone_yaw(State.TRACK_REF)
         self.renew(State.TRACK_ERROR, 0.0)
 
+    def _transform(self, T: Array) -> None:
+        """Multiply the state with `T`."""
+        self.x = T @ self.x
+        self.P = T @ self.P @ T.T
+        if self.tape is not None:
+            self.tape.append(Transition(T))
+
     def clone_yaw(self, into: int) -> None:
         """Copy the present yaw, with all its correlations, into state `into`."""
-        source = np.arange(DIM)
-        source[into] = State.YAW
-        self.x = self.x[source]
-        self.P = self.P[np.ix_(source, source)]
+        T = np.eye(DIM)
+        T[into] = T[State.YAW]
+        self._transform(T)
 
     def renew(self, index: State, variance: float) -> None:
         """Forget state `index`: it is 0, known with `variance` (its unit squared), and tells nothing of others."""
-        keep = np.arange(DIM) != index
-        self.x = np.where(keep, self.x, 0.0)
-        self.P = np.where(keep[:, None] & keep, self.P, 0.0)
+        T = np.eye(DIM)
+        T[index, index] = 0.0
+        self._transform(T)
         self.P[index, index] = variance
 
     def anchor(self, into: int, measurement: Measurement) -> None:
@@ -158,18 +185,19 @@ class YawEkf(ExtendedKalmanFilter):
         """
         T = np.eye(DIM)
         T[into] += measurement.H[0]  # the measured difference is yaw - clone + lasting error + noise
-        self.x = self.x.copy()
-        self.x[into] -= measurement.innovation
-        self.P = T @ self.P @ T.T
+        x = self.x.copy()
+        x[into] -= measurement.innovation
+        self._transform(T)
+        self.x = x
         self.P[into, into] += measurement.R
 
     def turn_frame(self, heading: float, variance: float) -> None:
         """Give the present yaw a new value, known with `variance`, without losing the turn count or the references."""
-        turn = float(wrap_angle(heading - self.x[State.YAW]))
-        self.x = self.x + np.where(YAWS, turn, 0.0)
+        x = self.x + np.where(YAWS, wrap_angle(heading - float(self.x[State.YAW])), 0.0)
         T = np.eye(DIM)
         T[YAWS, State.YAW] -= 1.0  # past yaws keep their difference to the present one, and its uncertainty
-        self.P = T @ self.P @ T.T
+        self._transform(T)
+        self.x = x
         self.P[np.ix_(YAWS, YAWS)] += variance
 
     def gyro(self, yaw_rate: float, variance: float | None) -> Measurement:
@@ -250,13 +278,14 @@ class YawEkf(ExtendedKalmanFilter):
             R=measurement.R,
             residual=lambda z, expected: innovation,  # expected value taken off, and wrapped, already
         )
+        H = measurement.H if measurement.H_after is None else measurement.H_after
         if measurement.consider or measurement.H_after is not None:
-            H = measurement.H if measurement.H_after is None else measurement.H_after
-            K = self.K.copy()
-            K[list(measurement.consider)] = 0.0
-            A = np.eye(DIM) - K @ H
-            self.x = prior_x + K[:, 0] * measurement.innovation
-            self.P = A @ prior_P @ A.T + measurement.R * (K @ K.T)  # Joseph: holds for any gain
+            self.K[list(measurement.consider)] = 0.0
+            A = np.eye(DIM) - self.K @ H
+            self.x = prior_x + self.K[:, 0] * measurement.innovation
+            self.P = A @ prior_P @ A.T + measurement.R * (self.K @ self.K.T)  # Joseph: holds for any gain
+        if self.tape is not None:
+            self.tape.append(Correction(measurement.innovation, measurement.H, H, float(self.S[0, 0]), self.K))
 
 
 def _integrate_gauss_markov(

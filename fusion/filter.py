@@ -9,7 +9,7 @@ import copy
 from dataclasses import dataclass, field
 
 from fusion.config import FusionConfig
-from fusion.ekf import CLONES, Array, Measurement, State, YawEkf
+from fusion.ekf import CLONES, Array, Correction, Measurement, State, Transition, YawEkf
 from fusion.events import CompassEvent, FusionEvent, GyroEvent, HeadingEvent, Sensor, TracksEvent
 from fusion.gating import Gate, Verdict, gate_limit
 from fusion.samples import OdometrySample, YawEstimate
@@ -115,9 +115,12 @@ class YawFilter:
         self._recovery_ns = round(config.recovery_time * 1e9)
         self.start = FilterState(self._ekf.x, self._ekf.P)
 
-    def step(self, before: FilterState, event: FusionEvent) -> FilterState:
-        """State after `event`, which must not be older than `before`."""
+    def step(
+        self, before: FilterState, event: FusionEvent, tape: list[Transition | Correction] | None = None
+    ) -> FilterState:
+        """State after `event`, which must not be older than `before`; `tape` takes down how it came about."""
         state, ekf = copy.copy(before), self._ekf
+        ekf.tape = tape
         ekf.x, ekf.P = before.x, before.P
         ekf.track_speed, ekf.track_stray = before.track_speed, before.track_stray
         if before.t_ns is not None and event.t_ns > before.t_ns:

@@ -1,0 +1,113 @@
+"""The fused yaw with the future known: a fixed-interval smoother over the filter's own model.
+
+It is the Rauch-Tung-Striebel smoother in the form of Bryson and Frazier (Bierman 1973, "Fixed interval smoothing with
+discrete measurements", doi:10.1080/00207177308932487): the same estimates, but no covariance has to be inverted, and
+those with clones are singular. Backwards through the run go an adjoint ``l`` and its covariance ``L``; the smoothed
+state is ``x - P l``, its covariance ``P - P L P``. Gates, standstill and recoveries are those of the filter.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fusion.config import FusionConfig
+from fusion.ekf import DIM, Array, Correction, Transition
+from fusion.events import CompassEvent, FusionEvent, Sample, event_of, fault_of, reference_of
+from fusion.filter import FilterState, YawFilter, estimate_of
+from fusion.samples import YawEstimate
+
+SEGMENT = 1000  # events whose matrices are kept at a time; their states are filtered twice
+
+
+@dataclass(slots=True)
+class Adjoint:
+    """What the measurements after a time say of the state at it."""
+
+    l: Array  # noqa: E741 - the literature's lambda
+    L: Array
+
+    @staticmethod
+    def zero() -> Adjoint:
+        """At the end nothing comes after."""
+        return Adjoint(np.zeros(DIM), np.zeros((DIM, DIM)))
+
+    def before(self, step: Transition | Correction) -> Adjoint:
+        """The adjoint before a step of the filter, this one holding after it."""
+        if isinstance(step, Transition):
+            return Adjoint(step.F.T @ self.l, step.F.T @ self.L @ step.F)
+        H = step.H[0]
+        A = np.eye(DIM) - np.outer(step.K[:, 0], step.H_after[0])
+        told = H / step.S
+        return Adjoint(A.T @ self.l - told * step.innovation, A.T @ self.L @ A + np.outer(H, told))
+
+    def smoothed(self, state: FilterState) -> FilterState:
+        """A state of the filter with what comes after it taken in."""
+        P = state.P
+        return replace(state, x=state.x - P @ self.l, P=P - P @ self.L @ P)
+
+
+def ordered_events(samples: Iterable[Sample], config: FusionConfig) -> list[FusionEvent]:
+    """Usable samples, each once, and the references they need, in the filter's order."""
+    events: dict[tuple[int | float, ...], FusionEvent] = {}
+    for sample in samples:
+        if fault_of(sample):
+            continue
+        event = event_of(sample)
+        events[event.order] = event
+        if isinstance(event, CompassEvent) and event.t_ns - event.sample.t_ref_ns <= config.reference_window * 1e9:
+            reference = reference_of(event.sample)
+            events[reference.order] = reference
+    return [events[order] for order in sorted(events)]
+
+
+def smooth(samples: Iterable[Sample], config: FusionConfig | None = None) -> list[YawEstimate]:
+    """Estimate the yaw at every stamp from all samples, those before it and those after it.
+
+    Parameters
+    ----------
+    samples : iterable of GyroSample, OdometrySample, YawIncrement
+        In any order; unusable ones are left out.
+    config : FusionConfig, optional
+        Of the filter.
+
+    Returns
+    -------
+    list of YawEstimate
+        One per stamp at which anything was measured, in order; empty without samples.
+    """
+    config = config or FusionConfig()
+    events = ordered_events(samples, config)
+    filter_ = YawFilter(config)
+    starts, state = [], filter_.start
+    for number, event in enumerate(events):
+        if number % SEGMENT == 0:
+            starts.append(state)
+        state = filter_.step(state, event)
+    adjoint = Adjoint.zero()
+    estimates: list[YawEstimate] = []
+    for number in reversed(range(len(starts))):
+        segment = events[number * SEGMENT : (number + 1) * SEGMENT]
+        adjoint = _smooth_segment(filter_, starts[number], segment, adjoint, estimates)
+    return estimates[::-1]
+
+
+def _smooth_segment(
+    filter_: YawFilter, state: FilterState, events: Sequence[FusionEvent], adjoint: Adjoint, out: list[YawEstimate]
+) -> Adjoint:
+    """Filter a segment again with all steps taped, go back through it, and append its estimates, last first."""
+    taped = []
+    for event in events:
+        steps: list[Transition | Correction] = []
+        state = filter_.step(state, event, steps)
+        taped.append((state, steps))
+    for after, steps in reversed(taped):
+        if not out or out[-1].t_ns != after.t_ns:
+            estimate = estimate_of(adjoint.smoothed(after))
+            if estimate is not None:
+                out.append(estimate)
+        for step in reversed(steps):
+            adjoint = adjoint.before(step)
+    return adjoint

@@ -1,0 +1,122 @@
+"""The smoother: batch least squares in the linear case, better than the filter everywhere, not overconfident."""
+
+import math
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from scipy.linalg import cholesky, lstsq, solve_triangular
+from sensor_model import SUBSETS, drawn_drive
+
+from compass import YawIncrement
+from fusion import FusionConfig, GyroSample, YawFusion
+from fusion.smoother import smooth
+
+LINEAR = FusionConfig(gyro_scale_sigma=0.0, gate_probability=1.0 - 1e-12)
+
+
+def batch(samples, config):
+    """Yaw and its variance at all stamps by weighted least squares; unknown are (yaw, rate, bias, error) at each."""
+    stamps = sorted({s.t_ns for s in samples} | {s.t_ref_ns for s in samples if isinstance(s, YawIncrement)})
+    at = {t: 4 * k for k, t in enumerate(stamps)}
+    rows, rhs = [], []
+
+    def equation(terms, value, sigma):
+        row = np.zeros(4 * len(stamps))
+        for index, factor in terms:
+            row[index] += factor / sigma
+        rows.append(row)
+        rhs.append(value / sigma)
+
+    start = (config.initial_yaw_sigma, config.initial_rate_sigma, config.initial_bias_sigma, 1.0)
+    for index, sigma in enumerate(start):
+        equation([(index, 1.0)], 0.0, sigma)
+    renewed = {s.t_ns for s in samples if renews(s, samples)}
+    for a, b in pairwise(stamps):
+        i, j, dt = at[a], at[b], (b - a) * 1e-9
+        q = config.rate_walk**2
+        W = cholesky(q * np.array([[dt**3 / 3, dt**2 / 2], [dt**2 / 2, dt]]), lower=True)
+        W = solve_triangular(W, np.eye(2), lower=True)
+        for w in W:  # whitened: yaw' = yaw + dt rate, rate' = rate
+            equation([(j, w[0]), (i, -w[0]), (i + 1, -dt * w[0] - w[1]), (j + 1, w[1])], 0.0, 1.0)
+        equation([(j + 2, 1.0), (i + 2, -1.0)], 0.0, config.bias_walk * math.sqrt(dt))
+        keep = math.exp(-dt / config.compass_error_time)
+        if b in renewed:
+            equation([(j + 3, 1.0)], 0.0, 1.0)
+        else:
+            equation([(j + 3, 1.0), (i + 3, -keep)], 0.0, math.sqrt(1.0 - keep**2))
+    share = config.compass_error_share
+    for s in samples:
+        if isinstance(s, GyroSample):
+            equation([(at[s.t_ns] + 1, 1.0), (at[s.t_ns] + 2, 1.0)], s.yaw_rate, config.gyro_sigma)
+        else:
+            terms = [(at[s.t_ns], 1.0), (at[s.t_ref_ns], -1.0), (at[s.t_ns] + 3, math.sqrt(share * s.variance))]
+            equation(terms, s.yaw, math.sqrt((1.0 - share) * s.variance))
+    A = np.array(rows)
+    x = lstsq(A, np.array(rhs))[0]
+    return stamps, x[::4], np.diag(np.linalg.inv(A.T @ A))[::4]
+
+
+def renews(sample, samples):
+    """Whether an increment is the first on its reference: the compass's lasting error is new then."""
+    if not isinstance(sample, YawIncrement):
+        return False
+    return sample.t_ns == min(s.t_ns for s in samples if isinstance(s, YawIncrement) and s.t_ref_ns == sample.t_ref_ns)
+
+
+def test_smoothed_yaw_of_linear_drive_equals_batch_least_squares():
+    samples = drawn_drive(1, ("gyro", "compass"), 3.0, LINEAR, gyro_hz=25, compass_hz=5, hold=0.6).samples
+    samples = [s for s in samples if not (isinstance(s, YawIncrement) and abs(s.yaw) > 2.5)]  # unwrapped for the batch
+    stamps, yaw, variance = batch(samples, LINEAR)
+    smoothed = {e.t_ns: e for e in smooth(samples, LINEAR)}
+    assert sorted(smoothed) == stamps
+    np.testing.assert_allclose([smoothed[t].yaw for t in stamps], yaw, rtol=0, atol=1e-6)
+    np.testing.assert_allclose([smoothed[t].yaw_variance for t in stamps], variance, rtol=1e-3, atol=1e-12)
+
+
+@pytest.mark.parametrize("sensors", SUBSETS, ids="+".join)
+def test_smoothed_ends_where_the_filter_ends(sensors):
+    samples = drawn_drive(2, sensors, 4.0).samples
+    fusion = YawFusion()
+    for sample in samples:
+        fusion.add(sample)
+    assert smooth(samples)[-1] == fusion.estimate()
+
+
+def errors(drive, estimates):
+    return np.array([e.yaw - np.interp(e.t_ns, drive.t_ns, drive.yaw) for e in estimates])
+
+
+@pytest.mark.parametrize("sensors", [s for s in SUBSETS if "compass" in s or len(s) > 1], ids="+".join)
+def test_smoothed_error_is_below_the_filters(sensors):
+    filtered, smoothed, normalised = [], [], []
+    for seed in range(12):
+        drive = drawn_drive(seed, sensors, 8.0)
+        fusion, estimates = YawFusion(), []
+        for sample in drive.samples:
+            fusion.add(sample)
+            estimates.append(fusion.estimate())
+        after = smooth(drive.samples)
+        filtered.append(np.mean(errors(drive, estimates) ** 2))
+        smoothed.append(np.mean(errors(drive, after) ** 2))
+        middle = after[len(after) // 2]
+        normalised.append(errors(drive, [middle])[0] ** 2 / middle.yaw_variance)
+    assert np.sqrt(np.mean(smoothed)) < np.sqrt(np.mean(filtered))
+    assert np.mean(normalised) < 2.19  # chi-square of 12, 99 %: 26.2 / 12
+
+
+def test_smoothing_does_not_depend_on_the_order_of_samples():
+    samples = drawn_drive(3, seconds=3.0).samples
+    assert smooth(samples[::-1] + samples[:50]) == smooth(samples)
+
+
+def test_smoothing_over_many_segments_equals_one(monkeypatch):
+    samples = drawn_drive(4, seconds=3.0).samples
+    once = smooth(samples)
+    monkeypatch.setattr("fusion.smoother.SEGMENT", 17)
+    assert smooth(samples) == once
+
+
+def test_smoothing_nothing_gives_nothing():
+    assert smooth([]) == []
+    assert smooth([GyroSample(0, math.nan)]) == []
