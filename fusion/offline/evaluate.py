@@ -12,7 +12,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from compass import VisualCompass, YawIncrement
+from compass import VisualCompass, YawIncrement, wrap_angle
 from compass.config import METHODS
 from fusion.offline.bag import Bag, BagError
 from fusion.offline.console import progress_bar
@@ -118,7 +118,8 @@ def evaluate_recording(
     for name, track in tracks.items():
         found = score(track, truth)
         if found:
-            honesty = _fused_honesty(track, truth) if name == FUSED else _increment_honesty(watched, name, truth)
+            increments = watched.increments.get(name, [])
+            honesty = fused_honesty(track, truth) if name == FUSED else increment_honesty(increments, truth)
             given = len(watched.increments[name]) / max(watched.frame_count - 1, 1) if name in METHODS else math.nan
             outcomes.append(Outcome(drive, seed, name, found, distance, turns, honesty, given))
     return outcomes
@@ -134,19 +135,18 @@ def _way(run: FusedRun, truth: TruthTrack) -> tuple[float, float]:
     return float(np.sum(dt * np.abs(run.odometry.speed[1:]))), turns
 
 
-def _increment_honesty(watched: _Watched, name: str, truth: TruthTrack) -> Honesty | None:
-    increments = watched.increments.get(name)
+def increment_honesty(increments: Sequence[YawIncrement], truth: TruthTrack) -> Honesty | None:
+    """Whether increments err as much as their variances say; None without increments."""
     if not increments:
         return None
-    ends, starts = (
-        yaw_at(truth, np.array([getattr(one, key) for one in increments], np.int64)) for key in ("t_ns", "t_ref_ns")
-    )
-    error = np.array([one.yaw for one in increments]) - (ends - starts)
-    error = (error + math.pi) % math.tau - math.pi
-    return _honesty(error, np.array([one.variance for one in increments]))
+    ends = yaw_at(truth, np.array([increment.t_ns for increment in increments], np.int64))
+    starts = yaw_at(truth, np.array([increment.t_ref_ns for increment in increments], np.int64))
+    error = wrap_angle(np.array([increment.yaw for increment in increments]) - (ends - starts))
+    return _honesty(error, np.array([increment.variance for increment in increments]))
 
 
-def _fused_honesty(track: YawTrack, truth: TruthTrack) -> Honesty | None:
+def fused_honesty(track: YawTrack, truth: TruthTrack) -> Honesty | None:
+    """Whether a yaw errs as much as its sigma says, relative to its start."""
     error = errors(track, truth)
     if error is None or error.sigma is None:
         return None

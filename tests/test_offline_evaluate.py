@@ -1,0 +1,158 @@
+"""Scores, honesty and verdicts of an evaluation."""
+
+import json
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from tiny_bags import START_NS, TinyDrive
+
+from compass import YawIncrement
+from compass.config import METHODS
+from fusion.offline import evaluate, scores
+from fusion.offline.cli import main
+from fusion.offline.recording import GyroTrack, OdometryTrack, TruthTrack
+from fusion.offline.scores import FUSED, GYRO, TRACKS, Score, YawTrack
+from fusion.offline.verdicts import Summary, full_table, short_table, summarise_outcomes, verdict_lines
+
+SECOND = 1_000_000_000
+
+
+def track(yaw, sigma=None, step_ns=SECOND, start_ns=START_NS) -> YawTrack:
+    yaw = np.asarray(yaw, float)
+    return YawTrack(start_ns + step_ns * np.arange(yaw.size), yaw, sigma)
+
+
+def truth(yaw) -> TruthTrack:
+    one = track(yaw)
+    return TruthTrack(one.t_ns, one.yaw)
+
+
+# ---------------------------------------------------------------- scores
+
+
+def test_score_is_aligned_where_both_begin():
+    """The truth starts at 7, the track two seconds later at 100: only what happens from there on counts."""
+    found = scores.score(
+        track([100.0, 101.5, 102.0], start_ns=START_NS + 2 * SECOND), truth([7.0, 7.5, 8.0, 9.0, 10.0])
+    )
+    # errors 0, 0.5, 0
+    assert found == Score(final=pytest.approx(0.0), rms=pytest.approx(math.sqrt(0.25 / 3)), worst=pytest.approx(0.5))
+
+
+def test_score_outside_the_truth_is_none():
+    assert scores.score(track([0.0, 1.0], start_ns=START_NS + 100 * SECOND), truth([0.0, 1.0])) is None
+
+
+def test_score_ignores_times_without_yaw():
+    found = scores.score(track([0.0, math.nan, 2.1]), truth([0.0, 1.0, 2.0]))
+    assert found.final == pytest.approx(0.1)
+
+
+def test_truth_between_its_samples_is_linear_at_nanosecond_stamps():
+    middle = np.array([START_NS + SECOND // 2])
+    assert scores.yaw_at(truth([0.0, 1.0]), middle)[0] == pytest.approx(0.5, abs=1e-9)
+
+
+def test_gyro_alone_is_the_trapezoid_and_skips_what_is_not_finite():
+    t_ns = START_NS + SECOND * np.arange(4)
+    assert scores.gyro_alone(GyroTrack(t_ns, np.array([0.0, 1.0, 1.0, 0.0]))).yaw[-1] == pytest.approx(2.0)
+    assert scores.gyro_alone(GyroTrack(t_ns, np.array([1.0, 1.0, math.nan, 1.0]))).yaw[-1] == pytest.approx(2.0)
+
+
+def test_tracks_alone_is_the_pose_unwrapped_or_else_the_rate():
+    t_ns = START_NS + SECOND * np.arange(4)
+    zeros, rate = np.zeros(4), np.full(4, 0.5)
+    wrapped = np.array([3.0, -3.0, -2.7, -2.4])
+    assert np.ptp(scores.tracks_alone(OdometryTrack(t_ns, rate, zeros, wrapped)).yaw) == pytest.approx(math.tau - 5.4)
+    assert scores.tracks_alone(OdometryTrack(t_ns, rate, zeros, zeros)).yaw[-1] == pytest.approx(1.5)
+    assert scores.tracks_alone(OdometryTrack(t_ns, rate, zeros, zeros * math.nan)).yaw[-1] == pytest.approx(1.5)
+
+
+def test_honesty_of_honest_increments_is_one():
+    """2000 normal errors: the mean of chi-square(1) strays by sqrt(2 / 2000) = 0.032, the share in 95 % by 0.005."""
+    rng = np.random.default_rng(3)
+    variance = rng.uniform(1e-6, 1e-4, 2000)
+    error = rng.normal(0.0, np.sqrt(variance))
+    true = TruthTrack(START_NS + SECOND * np.arange(2001), 3.0 * np.arange(2001.0))  # turns by 3 rad a second: wraps
+    increments = [
+        YawIncrement(START_NS + i * SECOND, START_NS + (i + 1) * SECOND, math.remainder(3.0 + e, math.tau), v, 1.0)
+        for i, (e, v) in enumerate(zip(error, variance, strict=True))
+    ]
+    honest = evaluate.increment_honesty(increments, true)
+    assert honest.ratio == pytest.approx(1.0, abs=3 * 0.032)
+    assert honest.coverage == pytest.approx(0.95, abs=3 * 0.005)
+    bold = evaluate.increment_honesty([replace(one, variance=one.variance / 4) for one in increments], true)
+    assert bold.ratio == pytest.approx(4 * honest.ratio)
+
+
+# ---------------------------------------------------------------- tables and verdicts
+
+
+def summary(final: float, rms: float = 1.0) -> Summary:
+    return Summary(final, rms, 2.0 * rms, math.nan, math.nan, math.nan, math.nan, math.nan)
+
+
+def test_verdicts_compare_where_the_paper_errs_and_with_the_best_single():
+    summaries = {
+        "a": {"rows": summary(20.0), "best": summary(1.0, 0.8), GYRO: summary(3.0, 2.0), FUSED: summary(0.1, 0.4)},
+        "b": {"rows": summary(-4.0), "best": summary(-1.0, 0.5), TRACKS: summary(3.0, 0.2), FUSED: summary(0.1, 0.3)},
+        "c": {"rows": summary(1.9), "best": summary(5.0, 1.0), FUSED: summary(0.1, 0.3)},
+    }
+    paper, fused = verdict_lines(summaries, "best")
+    assert "(2 drives): 0.150 in the median, 0.250 at worst in b" in paper
+    assert "below 1 in 2 of 3 drives, 1.50 at worst in b" in fused
+
+
+def test_summary_over_seeds_is_the_root_mean_square_and_the_worst():
+    outcomes = [
+        evaluate.Outcome("a", seed, GYRO, Score(final, rms, worst), 2.0, 1.0)
+        for seed, (final, rms, worst) in enumerate([(0.03, 0.01, 0.04), (-0.04, 0.02, 0.05)])
+    ]
+    one = summarise_outcomes(outcomes)["a"][GYRO]
+    assert one.final == pytest.approx(math.degrees(math.hypot(0.03, 0.04) / math.sqrt(2)))
+    assert one.rms == pytest.approx(math.degrees(math.hypot(0.01, 0.02) / math.sqrt(2)))
+    assert one.worst == pytest.approx(math.degrees(0.05))
+    assert one.per_m == pytest.approx(one.final / 2.0)
+    alone = summarise_outcomes(outcomes[1:])["a"][GYRO]
+    assert alone.final == pytest.approx(math.degrees(-0.04))  # the sign of a single drive is kept
+
+
+def test_tables_show_the_published_figure_and_every_source():
+    summaries = {"forward6_passage": {"rows": summary(-23.0), "parallax": summary(0.5), FUSED: summary(0.1)}}
+    long, short = full_table(summaries, "parallax"), short_table(summaries, "parallax", "final")
+    for text in ("rows (paper's)", "parallax (default)", "fused", "-23.00", "0.50", "0.10"):
+        assert text in long
+        assert text in short
+    assert "6.59" in long.splitlines()[2]
+    assert "6.59" in short.splitlines()[2]
+
+
+# ---------------------------------------------------------------- the command
+
+
+def test_evaluate_scores_a_users_bag_the_same_every_time(tiny_bag, tmp_path, capsys):
+    texts = []
+    for name in ("a.json", "b.json"):
+        assert main(["evaluate", str(tiny_bag), "--json", str(tmp_path / name)]) == 0
+        texts.append(capsys.readouterr().out)
+    assert texts[0] == texts[1]
+    assert (tmp_path / "a.json").read_bytes() == (tmp_path / "b.json").read_bytes()
+    found = json.loads((tmp_path / "a.json").read_text())
+    sources = found["summaries_deg"][str(tiny_bag)]
+    assert set(sources) == {*METHODS, GYRO, TRACKS, FUSED}
+    turned = math.degrees(float(TinyDrive().yaw(TinyDrive().seconds)))
+    assert sources[TRACKS]["final"] == pytest.approx(0.2 * turned, abs=1e-6)  # they claim 1.2 of the turn
+    assert abs(sources["sectors"]["final"]) < abs(sources[GYRO]["final"])
+    assert found["outcomes_rad"][0]["turns"] == pytest.approx(turned / 360.0, abs=0.01)
+
+
+def test_evaluate_bag_without_truth_names_the_option(tiny_bag, capsys):
+    assert main(["evaluate", str(tiny_bag), "--truth-topic", "none"]) == 1
+    assert "--truth-topic" in capsys.readouterr().err
+
+
+def test_evaluate_unknown_experiment_names_the_nearest(capsys):
+    assert main(["evaluate", "free_race_pasage"]) == 1
+    assert "free_race_passage" in capsys.readouterr().err
