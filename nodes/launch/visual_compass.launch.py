@@ -1,0 +1,67 @@
+"""The visual compass on the robot.
+
+ros2 launch visual_compass visual_compass.launch.py compass_image:=/camera/pano image_transport:=compressed
+"""
+
+import os
+
+import yaml
+from ament_index_python.packages import get_package_share_directory
+from launch import LaunchContext, LaunchDescription
+from launch.actions import DeclareLaunchArgument, OpaqueFunction, SetEnvironmentVariable
+from launch.substitutions import LaunchConfiguration
+from launch_ros.actions import Node
+
+SHARE = get_package_share_directory("visual_compass")
+PROFILE = "FASTRTPS_DEFAULT_PROFILES_FILE"
+
+# Launch arguments that set a parameter of the same name; empty leaves it to the parameter file.
+PARAMETERS = {
+    "compass_image": "topic of the panoramas",
+    "image_transport": "raw or compressed",
+    "compass_output_topic": "topic of the raw compass",
+    "compass_textout": "true: print the current angle",
+    "gyro_topic": "topic of the gyro",
+    "odometry_topic": "topic of the track odometry",
+    "fused_output_topic": "topic of the fused yaw",
+    "odom_frame": "frame_id of the outputs",
+    "base_frame": "child_frame_id of the outputs",
+    "publish_tf": "true: broadcast odom_frame -> base_frame",
+    "use_sim_time": "true: time comes from /clock",
+}
+
+
+def start(context: LaunchContext) -> list:
+    """The node with the parameter file and whatever launch arguments were given."""
+
+    def value(name: str) -> str:
+        return LaunchConfiguration(name).perform(context)
+
+    given = {name: yaml.safe_load(value(name)) for name in PARAMETERS if value(name)}
+    actions = []
+    if PROFILE not in os.environ:
+        actions.append(SetEnvironmentVariable(PROFILE, os.path.join(SHARE, "config", "fastdds.xml")))
+    node = Node(
+        package="visual_compass",
+        executable=value("node"),
+        name=value("node"),
+        output="screen",
+        parameters=[value("params_file"), given],
+    )
+    return [*actions, node]
+
+
+def generate_launch_description() -> LaunchDescription:
+    """Arguments, then the node."""
+    own = [
+        DeclareLaunchArgument(
+            "node", default_value="fusion_node", choices=["fusion_node", "compass_node"], description="which node"
+        ),
+        DeclareLaunchArgument(
+            "params_file",
+            default_value=os.path.join(SHARE, "config", "visual_compass.yaml"),
+            description="parameter file; defaults < this file < launch arguments",
+        ),
+    ]
+    passed = [DeclareLaunchArgument(name, default_value="", description=what) for name, what in PARAMETERS.items()]
+    return LaunchDescription([*own, *passed, OpaqueFunction(function=start)])
