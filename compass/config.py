@@ -22,7 +22,7 @@ class CompassConfig(ParameterSet):
         0.55, "lower edge of the region of interest, a fraction of image height", low=0.0, high=1.0
     )
     columns: int = parameter(1024, "width of the strip; never more than the image has", unit="px", low=16, high=8192)
-    rows: int = parameter(80, "greatest height of the strip", unit="px", low=1, high=4096)
+    rows: int = parameter(160, "greatest height of the strip", unit="px", low=1, high=4096)
     forward_column: float = parameter(
         0.5, "column that looks along the robot's +x, a fraction of image width", low=0.0, high=1.0
     )

@@ -22,7 +22,8 @@ from compass.strip import Strip
 
 SECTORS = 64
 PER_CIRCLE = 32.0  # Hann windows of 11 deg, half as far apart
-DIRECTIONS = 16  # directions of travel that are tried
+DIRECTIONS = 64  # directions of travel that are tried: all near the best of every eighth
+COARSE = 8
 SCALES_PX = (0.1, 0.3, 1.0, 3.0, 10.0)  # typical pushes that are tried
 PUSHES_PX = (0.0, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0)  # mean pushes that are tabulated, log-spaced after none
 OUTLIER = -8.0  # log-likelihood of a sector that fits nothing: people, reflections, wrong peaks
@@ -54,24 +55,32 @@ def match_parallax(reference: Strip, current: Strip, search: Search) -> Match:
 def turn_posterior(sectors: SectorShifts, forward_px: float, columns: int) -> Posterior:
     """Posterior of the turn from the shifts of sectors, on a grid that closes in on it."""
     index = np.round(sectors.centre_px * SECTORS / columns).astype(int)
-    hypotheses = _hypotheses(columns, forward_px)[..., index]
-    hypotheses = hypotheses.reshape(hypotheses.shape[0], -1)
+    expected = _hypotheses(columns, forward_px)[..., index].reshape(1 + DIRECTIONS * len(SCALES_PX), -1)
+    chosen = _hypotheses_of(np.arange(0, DIRECTIONS, COARSE))
     low, high = (float(edge) for edge in np.percentile(sectors.shift_px, (3, 97)))
     low, high = low - 0.3, high + 0.3
     while True:
         grid, step = np.linspace(low, high, GRID, retstep=True)
-        likelihood = hypotheses @ _log_likelihoods(sectors, grid)
-        likelihood -= likelihood.max()
-        each = np.exp(likelihood, dtype=np.float64)
-        weight = each.sum(axis=0)
+        likelihood = expected[chosen] @ _log_likelihoods(sectors, grid)
+        each = np.exp(likelihood - likelihood.max())
+        weight = each.sum(axis=0, dtype=np.float64)
         pure = float(each[0].sum() / weight.sum())
         weight /= weight.sum()
         mean = float(weight @ grid)
         variance = float(weight @ (grid - mean) ** 2)
         if variance > step**2 or step < 1e-4:
             return Posterior(mean, variance + float(step**2) / 12.0, pure)
-        centre = float(grid[weight.argmax()])
-        low, high = centre - 3.0 * step, centre + 3.0 * step
+        best, at = np.unravel_index(likelihood.argmax(), likelihood.shape)
+        if best:
+            direction = (chosen[best] - 1) // len(SCALES_PX)
+            chosen = _hypotheses_of((direction + np.arange(-COARSE // 2, COARSE // 2 + 1)) % DIRECTIONS)
+        low, high = float(grid[at]) - 3.0 * step, float(grid[at]) + 3.0 * step
+
+
+def _hypotheses_of(directions: npt.NDArray[np.intp]) -> npt.NDArray[np.intp]:
+    """Indices of the hypothesis of no push, and of all those with these directions."""
+    scales = len(SCALES_PX)
+    return np.concatenate([[0], (1 + directions[:, None] * scales + np.arange(scales)).ravel()])
 
 
 def _log_likelihoods(sectors: SectorShifts, grid: Floats) -> npt.NDArray[np.float32]:

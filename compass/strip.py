@@ -16,6 +16,8 @@ from compass.image import Image, to_grey
 Pixels = npt.NDArray[np.float32]
 Spectrum = npt.NDArray[np.complex64]
 
+SMOOTHED_ROWS = 40
+
 
 @dataclass(frozen=True)
 class Strip:
@@ -48,14 +50,15 @@ class Strip:
 
     @cached_property
     def smoothed(self) -> Pixels:
-        """(rows // 2, columns) pairs of rows averaged, and columns by 1 2 1: what sectors are compared by.
+        """(at most SMOOTHED_ROWS, columns) rows added up in groups, and columns by 1 2 1: sectors compare these.
 
         Without the highest frequencies a spline through the correlation at whole lags errs by thousandths of a
         column, with them by hundredths.
         """
-        rows = max(self.pixels.shape[0] // 2 * 2, 1)
-        pairs = self.pixels[0:rows:2] + self.pixels[1:rows:2] if rows > 1 else self.pixels
-        wrapped = np.concatenate([pairs[:, -1:], pairs, pairs[:, :1]], axis=1)
+        merged = -(-self.pixels.shape[0] // SMOOTHED_ROWS)
+        rows = self.pixels.shape[0] // merged
+        groups = self.pixels[: rows * merged].reshape(rows, merged, -1).sum(axis=1)
+        wrapped = np.concatenate([groups[:, -1:], groups, groups[:, :1]], axis=1)
         smoothed: Pixels = wrapped[:, :-2] + 2.0 * wrapped[:, 1:-1] + wrapped[:, 2:]
         return smoothed
 
