@@ -150,6 +150,21 @@ def test_fuse_into_a_folder_replaces_results_and_keeps_what_is_not_ours(tiny_bag
     assert (tmp_path / "yaw.csv").read_text().startswith("t,")
 
 
+def test_fuse_smooth_adds_the_yaw_that_knows_the_future(tiny_bag, tmp_path):
+    out = tmp_path / "out"
+    assert main(["fuse", str(tiny_bag), "--out", str(out), "--smooth"]) == 0
+    assert {file.name for file in out.iterdir()} == RESULTS | {"smoothed.tum"}
+    both = [row for row in rows(out) if row["smoothed_yaw"]]
+    assert len(both) > 25
+    # Knowing more never makes less certain: with every later sample the variance can only fall.
+    assert all(float(row["smoothed_sigma"]) <= float(row["fused_sigma"]) * (1 + 1e-6) for row in both)
+    assert float(both[5]["smoothed_sigma"]) < float(both[5]["fused_sigma"])
+    assert "smoothed" in json.loads((out / "summary.json").read_text())["yaw"]
+    # and without it, the file of the run before goes
+    assert main(["fuse", str(tiny_bag), "--out", str(out)]) == 0
+    assert {file.name for file in out.iterdir()} == RESULTS
+
+
 # ---------------------------------------------------------------- bad input: one line, exit code 1, nothing left
 
 

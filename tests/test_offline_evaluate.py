@@ -6,11 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from photo_drive import HUSKY
 from tiny_bags import START_NS, TinyDrive
 
 from compass import YawIncrement
 from compass.config import METHODS
-from fusion.offline import evaluate, scores
+from fusion.offline import evaluate, gps, scores
 from fusion.offline.cli import main
 from fusion.offline.recording import GyroTrack, OdometryTrack, TruthTrack
 from fusion.offline.scores import FUSED, GYRO, TRACKS, Score, YawTrack
@@ -156,3 +157,57 @@ def test_evaluate_bag_without_truth_names_the_option(tiny_bag, capsys):
 def test_evaluate_unknown_experiment_names_the_nearest(capsys):
     assert main(["evaluate", "free_race_pasage"]) == 1
     assert "free_race_passage" in capsys.readouterr().err
+
+
+# ---------------------------------------------------------------- GPS
+
+
+def drive_with_fixes(noise: float = 0.0):
+    """600 s at 1 m/s, straight for 50 s and then a turn of 90 deg in 10 s; a fix twice a second."""
+    t = np.arange(0.0, 600.0, 0.1)
+    yaw = np.concatenate([[0.0], np.cumsum(0.1 * np.where(t[:-1] % 60.0 < 50.0, 0.0, math.pi / 20))])
+    east, north = np.cumsum(0.1 * np.cos(yaw)), np.cumsum(0.1 * np.sin(yaw))
+    t_ns = START_NS + np.round(t * 1e9).astype(np.int64)
+    rng = np.random.default_rng(4)
+    fixes = [t_ns[::5], *(place[::5] + rng.normal(0.0, noise, t[::5].size) for place in (east, north))]
+    zeros = np.zeros(t.size)
+    return YawTrack(t_ns, yaw), fixes, OdometryTrack(t_ns, zeros, zeros + 1.0, zeros)
+
+
+@pytest.mark.parametrize("start_deg", [0.0, 60.0, 180.0, -120.0])
+@pytest.mark.parametrize("slope", [0.0, 0.002, -0.001])
+def test_gps_drift_is_found_whatever_the_start(slope, start_deg):
+    yaw, fixes, odometry = drive_with_fixes()
+    seconds = (yaw.t_ns - yaw.t_ns[0]) * 1e-9
+    drifting = YawTrack(yaw.t_ns, yaw.yaw + math.radians(start_deg) + slope * seconds)
+    found = gps.drift(drifting, gps.chords(*fixes, odometry))
+    # The course of a chord and the mean yaw along it differ by nothing on the straight, the median's choice.
+    assert found.slope == pytest.approx(slope, abs=1e-5)
+    assert found.low <= found.slope <= found.high
+
+
+def test_gps_drift_of_noisy_fixes_is_inside_its_interval():
+    """0.3 m of noise on chords of 5 m is 0.085 rad each; over some 1000 overlapping ones the slope is still known."""
+    yaw, fixes, odometry = drive_with_fixes(noise=0.3)
+    found = gps.drift(
+        YawTrack(yaw.t_ns, yaw.yaw + 1e-3 * (yaw.t_ns - yaw.t_ns[0]) * 1e-9), gps.chords(*fixes, odometry)
+    )
+    assert found.high - found.low < 1e-3
+    assert abs(found.slope - 1e-3) < 2 * (found.high - found.low)
+
+
+def test_gps_chords_need_forward_driving():
+    _, fixes, odometry = drive_with_fixes()
+    assert gps.chords(*fixes, odometry).course.size > 500
+    backward = OdometryTrack(odometry.t_ns, odometry.yaw_rate, -odometry.speed, odometry.yaw)
+    assert gps.chords(*fixes, backward).course.size == 0
+
+
+def test_evaluate_husky_against_its_gps(capsys):
+    """Fused drifts no more than the better of gyro and wheels."""
+    if not HUSKY.exists():
+        pytest.skip("needs ../shared/data/husky.bag")
+    assert main(["evaluate", str(HUSKY)]) == 0
+    lines = [line for line in capsys.readouterr().out.splitlines() if ".." in line]
+    drifts = {line[:12].strip(): abs(float(line[12:].split()[0])) for line in lines}
+    assert drifts[FUSED] <= min(drifts[GYRO], drifts[TRACKS])

@@ -44,11 +44,13 @@ def _topic_options(command: Command) -> Command:
 @click.argument("bag", type=_PATH)
 @click.option("--out", type=_PATH, metavar="DIR", help="Folder for the results  [default: ./<bag>_yaw]")
 @click.option("--config", type=_PATH, metavar="YAML", help="Parameters in ROS form; see config/visual_compass.yaml.")
+@click.option("--smooth", is_flag=True, help="Add the yaw that knows the future, too.")
 @_topic_options
 def fuse(
     bag: Path,
     out: Path | None,
     config: Path | None,
+    smooth: bool,
     image: str | None,
     gyro: str | None,
     odometry: str | None,
@@ -60,7 +62,7 @@ def fuse(
     from fusion.offline.topics import TopicRequest
     from fusion.settings import load_settings
 
-    fused = fuse_bag(bag, out, load_settings(config), TopicRequest(image, gyro, odometry, truth))
+    fused = fuse_bag(bag, out, load_settings(config), TopicRequest(image, gyro, odometry, truth), smooth=smooth)
     click.echo(yaw_table(fused.summary))
     click.echo(f"results in {fused.folder}/, plot in {fused.folder / 'yaw.png'}")
 
@@ -108,6 +110,7 @@ def simulate(experiment: str | None, out: Path | None, seed: int, config: Path |
     show_default=True,
     help="All in a long table, or one in a short.",
 )
+@click.option("--smooth", is_flag=True, help="Score the yaw that knows the future, too.")
 @click.option("--workers", type=click.IntRange(1), default=None, help="Processes  [default: one per core]")
 @click.option("--config", type=_PATH, metavar="YAML", help="Parameters in ROS form.")
 @_topic_options
@@ -116,6 +119,7 @@ def evaluate(
     seeds: int,
     json_file: Path | None,
     metric: str,
+    smooth: bool,
     workers: int | None,
     config: Path | None,
     image: str | None,
@@ -132,7 +136,7 @@ def evaluate(
     from fusion.settings import load_settings
 
     request = TopicRequest(image, gyro, odometry, truth)
-    click.echo(run_evaluation(what, seeds, load_settings(config), request, metric, json_file, workers))
+    click.echo(run_evaluation(what, seeds, load_settings(config), request, metric, json_file, workers, smooth))
 
 
 @cli.command()

@@ -16,9 +16,10 @@ from compass import VisualCompass, YawIncrement, wrap_angle
 from compass.config import METHODS
 from fusion.offline.bag import Bag, BagError
 from fusion.offline.console import progress_bar
+from fusion.offline.gps import Drift, drift, read_course
 from fusion.offline.recording import Floats, Frame, Progress, Recording, TruthTrack, read_recording
-from fusion.offline.run import FusedRun, fuse_recording
-from fusion.offline.scores import COMPASS, FUSED, Score, YawTrack, errors, score, yaw_at, yaw_tracks
+from fusion.offline.run import FusedRun, fuse_recording, smooth_run
+from fusion.offline.scores import COMPASS, FUSED, SMOOTHED, Score, YawTrack, errors, score, yaw_at, yaw_tracks
 from fusion.offline.simulated import SimulatedRecording
 from fusion.offline.topics import TopicRequest, choose_topics
 from fusion.settings import Settings
@@ -99,29 +100,44 @@ class _Watched:
             yield frame
 
 
-def evaluate_recording(
-    drive: str, seed: int, recording: Recording, settings: Settings, progress: Progress = lambda part: None
-) -> list[Outcome]:
-    """Score every method of the compass, each sensor alone and the fused yaw on one recording with truth."""
-    truth = recording.truth
-    if truth is None:
-        raise BagError(f"{drive}: no ground truth; name its topic with --truth-topic")
+@dataclass(frozen=True, slots=True)
+class Tracks:
+    """The yaw of every source on one recording, the run they come from and the increments of each method."""
+
+    run: FusedRun
+    yaws: Mapping[str, YawTrack]
+    increments: Mapping[str, list[YawIncrement]]
+
+
+def all_tracks(
+    recording: Recording, settings: Settings, progress: Progress = lambda part: None, *, smooth: bool = False
+) -> Tracks:
+    """Run every method of the compass and the filter, each frame shown to all of them."""
     configs = {name: replace(settings.compass, method=name) for name in METHODS}
     watched = _Watched(recording, {name: VisualCompass(config) for name, config in configs.items()})
     run = fuse_recording(watched, settings, progress)
-    tracks = {name: track for name, track in yaw_tracks(run).items() if name != COMPASS}
-    for name, yaws in watched.yaws.items():
-        if len(yaws) > 1:
-            tracks[name] = YawTrack(np.array([t for t, _ in yaws], np.int64), np.array([yaw for _, yaw in yaws]))
-    distance, turns = _way(run, truth)
+    if smooth:
+        smooth_run(run, settings)
+    yaws = {name: track for name, track in yaw_tracks(run).items() if name != COMPASS}
+    for name, seen in watched.yaws.items():
+        if len(seen) > 1:
+            yaws[name] = YawTrack(np.array([t for t, _ in seen], np.int64), np.array([yaw for _, yaw in seen]))
+    return Tracks(run, yaws, watched.increments)
+
+
+def score_tracks(drive: str, seed: int, tracks: Tracks, truth: TruthTrack, frames: int) -> list[Outcome]:
+    """Score every source against the truth; `frames` is the number of images."""
+    distance, turns = _way(tracks.run, truth)
     outcomes = []
-    for name, track in tracks.items():
+    for name, track in tracks.yaws.items():
         found = score(track, truth)
-        if found:
-            increments = watched.increments.get(name, [])
-            honesty = fused_honesty(track, truth) if name == FUSED else increment_honesty(increments, truth)
-            given = len(watched.increments[name]) / max(watched.frame_count - 1, 1) if name in METHODS else math.nan
-            outcomes.append(Outcome(drive, seed, name, found, distance, turns, honesty, given))
+        if found is None:
+            continue
+        increments = tracks.increments.get(name, [])
+        claimed = name in (FUSED, SMOOTHED)
+        honesty = fused_honesty(track, truth) if claimed else increment_honesty(increments, truth)
+        given = len(increments) / max(frames - 1, 1) if name in METHODS else math.nan
+        outcomes.append(Outcome(drive, seed, name, found, distance, turns, honesty, given))
     return outcomes
 
 
@@ -161,10 +177,12 @@ def _honesty(error: Floats, variance: Floats) -> Honesty:
 # ---------------------------------------------------------------- what to evaluate
 
 
-def evaluate_experiments(names: Sequence[str], seeds: int, settings: Settings, workers: int) -> list[Outcome]:
+def evaluate_experiments(
+    names: Sequence[str], seeds: int, settings: Settings, workers: int, smooth: bool
+) -> list[Outcome]:
     """All methods on the named experiments, each with `seeds` seeds; the same seeds give the same outcomes."""
     _render(names, seeds)
-    tasks = [(name, seed, settings) for name in names for seed in range(seeds)]
+    tasks = [(name, seed, settings, smooth) for name in names for seed in range(seeds)]
     outcomes: list[Outcome] = []
     with progress_bar("evaluating") as progress:
         for count, found in enumerate(_map(tasks, workers), start=1):
@@ -173,7 +191,10 @@ def evaluate_experiments(names: Sequence[str], seeds: int, settings: Settings, w
     return outcomes
 
 
-def _map(tasks: Sequence[tuple[str, int, Settings]], workers: int) -> Iterator[list[Outcome]]:
+Task = tuple[str, int, Settings, bool]  # experiment, seed, settings, whether to smooth
+
+
+def _map(tasks: Sequence[Task], workers: int) -> Iterator[list[Outcome]]:
     if workers == 1:
         yield from map(_evaluate_experiment, tasks)
         return
@@ -185,11 +206,12 @@ def _map(tasks: Sequence[tuple[str, int, Settings]], workers: int) -> Iterator[l
             pool.shutdown(cancel_futures=True)
 
 
-def _evaluate_experiment(task: tuple[str, int, Settings]) -> list[Outcome]:
-    name, seed, settings = task
+def _evaluate_experiment(task: Task) -> list[Outcome]:
+    name, seed, settings, smooth = task
     recording = SimulatedRecording(simulate(name, seed), settings.imu)
     experiment = EXPERIMENTS[name]
-    outcomes = evaluate_recording(name, seed, recording, settings)
+    tracks = all_tracks(recording, settings, smooth=smooth)
+    outcomes = score_tracks(name, seed, tracks, recording.truth, recording.frame_count)
     return [replace(outcome, distance=experiment.distance, turns=experiment.turns) for outcome in outcomes]
 
 
@@ -202,11 +224,29 @@ def _render(names: Sequence[str], seeds: int) -> None:
             simulate(name, seed).prepare(lambda done, of, count=count: progress((count + done / of) / total))  # type: ignore[misc]
 
 
-def evaluate_bag(path: Path, settings: Settings, request: TopicRequest) -> list[Outcome]:
-    """All methods on a user's bag with a topic of truth."""
+def evaluate_bag(
+    path: Path, settings: Settings, request: TopicRequest, smooth: bool
+) -> tuple[list[Outcome], dict[str, Drift]]:
+    """All methods on a user's bag: scores against its truth, drifts against its GPS, whichever it has.
+
+    Raises
+    ------
+    BagError
+        The bag has neither.
+    """
     with Bag(path) as bag:
         choice = choose_topics(bag, settings.topics, request)
         with progress_bar("reading samples") as progress:
             recording = read_recording(bag, choice, settings.imu, settings.compass.columns, progress)
+        course = read_course(bag, recording.odometry)
+        if recording.truth is None and course is None:
+            raise BagError(f"{path}: no ground truth and no GPS; name the truth's topic with --truth-topic")
         with progress_bar(f"evaluating {path.name}") as progress:
-            return evaluate_recording(str(path), 0, recording, settings, progress)
+            tracks = all_tracks(recording, settings, progress, smooth=smooth)
+    outcomes, drifts = [], {}
+    if recording.truth is not None:
+        outcomes = score_tracks(str(path), 0, tracks, recording.truth, recording.frame_count)
+    if course is not None:
+        found = {name: drift(track, course) for name, track in tracks.yaws.items()}
+        drifts = {name: one for name, one in found.items() if one}
+    return outcomes, drifts

@@ -10,7 +10,7 @@ from pathlib import Path
 from fusion.offline.evaluate import Outcome, evaluate_bag, evaluate_experiments
 from fusion.offline.staging import staged_file
 from fusion.offline.topics import TopicRequest
-from fusion.offline.verdicts import as_json, full_table, short_table, summarise_outcomes, verdict_lines
+from fusion.offline.verdicts import as_json, drift_table, full_table, short_table, summarise_outcomes, verdict_lines
 from fusion.settings import Settings
 from fusion.simulation import EXPERIMENTS
 from fusion.simulation.experiments import find_experiment
@@ -24,6 +24,7 @@ def run_evaluation(
     metric: str = "all",
     json_file: Path | None = None,
     workers: int | None = None,
+    smooth: bool = False,
 ) -> str:
     """Evaluate experiments and bags; give the table and the verdicts.
 
@@ -38,15 +39,21 @@ def run_evaluation(
         names = list(EXPERIMENTS)
     outcomes: list[Outcome] = []
     if names:
-        outcomes += evaluate_experiments(names, seeds, settings, workers or os.cpu_count() or 1)
+        outcomes += evaluate_experiments(names, seeds, settings, workers or os.cpu_count() or 1, smooth)
+    drifts = {}
     for bag in bags:
-        outcomes += evaluate_bag(bag, settings, request)
+        scored, drifts[str(bag)] = evaluate_bag(bag, settings, request, smooth)
+        outcomes += scored
     default = settings.compass.method
     summaries = summarise_outcomes(outcomes)
     if json_file is not None:
         with staged_file(json_file) as staged:
-            staged.write_text(json.dumps(as_json(outcomes, summaries, default), indent=1) + "\n", encoding="utf-8")
-    shown = full_table(summaries, default) if metric == "all" else short_table(summaries, default, metric)
-    return "\n".join(
-        [f"errors in deg, {seeds} seed{'s' if seeds > 1 else ''}", shown, "", *verdict_lines(summaries, default)]
-    )
+            content = as_json(outcomes, summaries, drifts, default)
+            staged.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+    parts = []
+    if outcomes:
+        shown = full_table(summaries, default) if metric == "all" else short_table(summaries, default, metric)
+        parts.append(f"errors in deg, {seeds} seed{'s' if seeds > 1 else ''}\n{shown}")
+        parts.append("\n".join(verdict_lines(summaries, default)))
+    parts += [drift_table(bag, found, default) for bag, found in drifts.items() if found]
+    return "\n\n".join(part for part in parts if part)

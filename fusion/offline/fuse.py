@@ -11,8 +11,8 @@ from fusion.offline.bag import Bag, BagError
 from fusion.offline.console import progress_bar
 from fusion.offline.plot import plot_run
 from fusion.offline.recording import read_recording
-from fusion.offline.results import write_results
-from fusion.offline.run import FusedRun, fuse_recording
+from fusion.offline.results import OPTIONAL, write_results
+from fusion.offline.run import FusedRun, fuse_recording, smooth_run
 from fusion.offline.staging import staged_folder
 from fusion.offline.summary import summarise
 from fusion.offline.topics import TopicRequest, choose_topics
@@ -30,7 +30,9 @@ class Fused:
     summary: dict[str, Any]
 
 
-def fuse_bag(path: Path, out: Path | None, settings: Settings, request: TopicRequest | None = None) -> Fused:
+def fuse_bag(
+    path: Path, out: Path | None, settings: Settings, request: TopicRequest | None = None, *, smooth: bool = False
+) -> Fused:
     """Fuse a bag and write the results.
 
     Parameters
@@ -43,6 +45,8 @@ def fuse_bag(path: Path, out: Path | None, settings: Settings, request: TopicReq
         Of compass, filter, IMU and topics.
     request : TopicRequest, optional
         Topics asked for by name.
+    smooth : bool
+        Whether to add the yaw that knows the future.
 
     Raises
     ------
@@ -55,13 +59,15 @@ def fuse_bag(path: Path, out: Path | None, settings: Settings, request: TopicReq
         for role in ("image", "gyro", "odometry", "truth"):
             topic = getattr(choice, role)
             log.info("%s: %s", role, f"{topic.name} ({topic.short_type}, {topic.count})" if topic else "none")
-        with staged_folder(out) as staging:
+        with staged_folder(out, OPTIONAL) as staging:
             with progress_bar("reading samples") as progress:
                 recording = read_recording(bag, choice, settings.imu, settings.compass.columns, progress)
             with progress_bar("fusing") as progress:
                 run = fuse_recording(recording, settings, progress)
             if not run.rows:
                 raise BagError(f"{path}: no sample was usable: {dict(recording.dropped)}")
+            if smooth:
+                smooth_run(run, settings)
             summary = summarise(run, recording)
             write_results(staging, run, settings, summary)
             plot_run(run, staging / "yaw.png", f"{path.name}: yaw")

@@ -12,13 +12,13 @@ import numpy as np
 from fusion.events import Sensor
 from fusion.offline.recording import Floats, Times
 from fusion.offline.run import FusedRun, Row
-from fusion.offline.scores import COMPASS, FUSED, GYRO, TRACKS, YawTrack, errors, yaw_at, yaw_tracks
+from fusion.offline.scores import COMPASS, FUSED, GYRO, SMOOTHED, TRACKS, YawTrack, errors, yaw_at, yaw_tracks
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 # Okabe & Ito's colours: told apart by colour-blind readers, too.
-COLOURS = {FUSED: "#D55E00", COMPASS: "#0072B2", GYRO: "#009E73", TRACKS: "#CC79A7", "truth": "#000000"}
+COLOURS = {FUSED: "#D55E00", COMPASS: "#0072B2", GYRO: "#009E73", TRACKS: "#CC79A7", SMOOTHED: "#56B4E9"}
 SENSOR_COLOURS = {Sensor.COMPASS: COLOURS[COMPASS], Sensor.GYRO: COLOURS[GYRO], Sensor.TRACKS: COLOURS[TRACKS]}
 MOST_POINTS = 4000  # per curve; more cannot be seen
 

@@ -81,9 +81,17 @@ class Frame:
 class Recording(Protocol):
     """What can be fused: read from a bag, or simulated."""
 
-    gyro: GyroTrack
-    odometry: OdometryTrack
-    truth: TruthTrack | None
+    @property
+    def gyro(self) -> GyroTrack:
+        """All gyro samples."""
+
+    @property
+    def odometry(self) -> OdometryTrack:
+        """All odometry samples."""
+
+    @property
+    def truth(self) -> TruthTrack | None:
+        """The true yaw, where it is known."""
 
     @property
     def frame_count(self) -> int:

@@ -9,6 +9,8 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from fusion import YawEstimate
 from fusion.events import Sensor
 from fusion.offline.bag_writer import BagWriter
@@ -17,6 +19,7 @@ from fusion.offline.run import FusedRun, Row
 from fusion.offline.scores import yaw_at
 from fusion.settings import Settings, dump_settings
 
+OPTIONAL = ("smoothed.tum",)  # not in the results of every run
 DIAGNOSTICS_EVERY_NS = 1_000_000_000
 
 
@@ -25,6 +28,8 @@ def write_results(folder: Path, run: FusedRun, settings: Settings, summary: dict
     write_csv(folder / "yaw.csv", run)
     write_tum(folder / "compass.tum", ((row.t_ns, row.compass.yaw) for row in run.rows if row.compass))
     write_tum(folder / "fused.tum", ((row.t_ns, row.fused.yaw) for row in run.rows if row.fused))
+    if any(row.smoothed for row in run.rows):
+        write_tum(folder / "smoothed.tum", ((row.t_ns, row.smoothed.yaw) for row in run.rows if row.smoothed))
     write_mcap(folder / "result.mcap", run, settings)
     (folder / "summary.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
     (folder / "config.yaml").write_text(dump_settings(settings), encoding="utf-8")
@@ -39,13 +44,21 @@ COLUMNS = (
 
 
 def write_csv(path: Path, run: FusedRun) -> None:
-    """One line per row, `t` in s, angles in rad; the truth in a last column where it is known."""
-    truth = {} if run.truth is None else {"truth_yaw": _true_yaws(run.truth, run.t_ns)}
+    """One line per row, `t` in s, angles in rad; the truth and what smoothing gave in last columns where known."""
+    more: dict[str, Floats] = {}
+    if any(row.smoothed for row in run.rows):
+        estimates = [
+            (one.yaw, math.sqrt(one.yaw_variance)) if one else (math.nan, math.nan)
+            for one in (row.smoothed for row in run.rows)
+        ]
+        more["smoothed_yaw"], more["smoothed_sigma"] = np.array(estimates).T
+    if run.truth is not None:
+        more["truth_yaw"] = _true_yaws(run.truth, run.t_ns)
     with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, [*COLUMNS, *truth], restval="", lineterminator="\n")
+        writer = csv.DictWriter(file, [*COLUMNS, *more], restval="", lineterminator="\n")
         writer.writeheader()
         for index, row in enumerate(run.rows):
-            writer.writerow(row_cells(row) | {name: _cell(values[index]) for name, values in truth.items()})
+            writer.writerow(row_cells(row) | {name: _cell(values[index]) for name, values in more.items()})
 
 
 def row_cells(row: Row) -> dict[str, str]:

@@ -6,16 +6,16 @@ import heapq
 import math
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from operator import attrgetter
 
 import numpy as np
 import numpy.typing as npt
 
 from compass import CompassStatus, YawIncrement
-from fusion import GyroSample, OdometrySample, YawEstimate, YawPipeline
+from fusion import GyroSample, OdometrySample, YawEstimate, YawPipeline, smooth
 from fusion.compass_rate import CompassRate
-from fusion.events import Sensor
+from fusion.events import Sample, Sensor
 from fusion.gating import SensorReport
 from fusion.offline.recording import Frame, GyroTrack, OdometryTrack, Progress, Recording, TruthTrack
 from fusion.settings import Settings
@@ -61,12 +61,15 @@ class Row:
         None before the first sample of the filter.
     gates : dict of Sensor to SensorReport
         How samples fared that came since the row before.
+    smoothed : YawEstimate or None
+        The estimate that knows the future; None where it was not asked for or nothing was measured at that time.
     """
 
     t_ns: int
     compass: CompassReading | None
     fused: YawEstimate | None
     gates: dict[Sensor, SensorReport]
+    smoothed: YawEstimate | None = None
 
 
 @dataclass(slots=True)
@@ -109,6 +112,14 @@ def fuse_recording(recording: Recording, settings: Settings, progress: Progress 
     progress(1.0)
     counts = run.pipeline.compass.counts, run.pipeline.fusion.counts
     return FusedRun(run.rows, recording.gyro, recording.odometry, recording.truth, *counts)
+
+
+def smooth_run(run: FusedRun, settings: Settings) -> None:
+    """Give the rows of a run their smoothed estimates."""
+    increments = (row.compass.increment for row in run.rows if row.compass and row.compass.increment)
+    samples: list[Sample] = [*run.gyro.samples(), *run.odometry.samples(), *increments]
+    smoothed = {estimate.t_ns: estimate for estimate in smooth(samples, settings.fusion)}
+    run.rows = [replace(row, smoothed=smoothed.get(row.t_ns)) for row in run.rows]
 
 
 Event = GyroSample | OdometrySample | Frame

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from fusion.offline.recording import Floats, GyroTrack, OdometryTrack, Times, TruthTrack, unwrap
 from fusion.offline.run import FusedRun
 
-COMPASS, GYRO, TRACKS, FUSED = "raw compass", "gyro alone", "tracks alone", "fused"
+COMPASS, GYRO, TRACKS, FUSED, SMOOTHED = "raw compass", "gyro alone", "tracks alone", "fused", "smoothed"
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,10 +50,13 @@ def yaw_tracks(run: FusedRun) -> dict[str, YawTrack]:
         tracks[GYRO] = gyro_alone(run.gyro)
     if run.odometry.t_ns.size:
         tracks[TRACKS] = tracks_alone(run.odometry)
-    fused = [row.fused for row in run.rows if row.fused]
-    if fused:
-        values = np.array([(estimate.yaw, math.sqrt(estimate.yaw_variance)) for estimate in fused])
-        tracks[FUSED] = YawTrack(np.array([estimate.t_ns for estimate in fused], np.int64), *values.T)
+    for name, estimates in (
+        (FUSED, [row.fused for row in run.rows if row.fused]),
+        (SMOOTHED, [row.smoothed for row in run.rows if row.smoothed]),
+    ):
+        if estimates:
+            values = np.array([(one.yaw, math.sqrt(max(one.yaw_variance, 0.0))) for one in estimates])
+            tracks[name] = YawTrack(np.array([one.t_ns for one in estimates], np.int64), *values.T)
     return tracks
 
 

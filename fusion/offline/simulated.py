@@ -30,7 +30,7 @@ class SimulatedRecording:
         )
         rows = np.array([(r.yaw_rate, r.speed, r.yaw) for r in drive.odometry])
         self.odometry = OdometryTrack(np.array([r.t_ns for r in drive.odometry], np.int64), *rows.T)
-        self.truth: TruthTrack | None = TruthTrack(drive.truth.t_ns, drive.truth.yaw)
+        self.truth = TruthTrack(drive.truth.t_ns, drive.truth.yaw)
 
     @property
     def frame_count(self) -> int:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import shutil
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -17,10 +17,11 @@ class OutputError(VisualCompassError):
 
 
 @contextmanager
-def staged_folder(target: Path) -> Iterator[Path]:
+def staged_folder(target: Path, ours: Sequence[str] = ()) -> Iterator[Path]:
     """Give a folder to write into; on success its content takes the place of `target`'s, else nothing changes.
 
-    An existing `target` keeps what is not among the results: each file is replaced on its own, in one step.
+    An existing `target` keeps what is not among the results: each file is replaced on its own, in one step. Files
+    named in `ours` are results as well, of an earlier run, and go where this one has none of that name.
 
     Raises
     ------
@@ -31,9 +32,12 @@ def staged_folder(target: Path) -> Iterator[Path]:
         raise OutputError(f"{target}: is no folder; give another --out")
     with _staging(target) as staging:
         yield staging
+        stale = [name for name in ours if not (staging / name).exists()]
         if target.exists():
             for file in sorted(staging.iterdir()):
                 file.replace(target / file.name)
+            for name in stale:
+                (target / name).unlink(missing_ok=True)
         else:
             staging.replace(target)
 

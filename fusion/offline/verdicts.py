@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -11,7 +11,8 @@ import numpy as np
 
 from fusion.offline.console import table
 from fusion.offline.evaluate import Outcome
-from fusion.offline.scores import FUSED, GYRO, TRACKS
+from fusion.offline.gps import Drift
+from fusion.offline.scores import FUSED, GYRO, SMOOTHED, TRACKS
 from fusion.simulation import EXPERIMENTS
 
 PAPER = "rows"  # the paper's method
@@ -59,7 +60,7 @@ def summarise_outcomes(outcomes: Sequence[Outcome]) -> dict[str, dict[str, Summa
 
 def _place(item: tuple[str, list[Outcome]]) -> int:
     """Methods of the compass first, the fused yaw last."""
-    return {GYRO: 1, TRACKS: 2, FUSED: 3}.get(item[0], 0)
+    return {GYRO: 1, TRACKS: 2, FUSED: 3, SMOOTHED: 4}.get(item[0], 0)
 
 
 def _summary(group: Sequence[Outcome]) -> Summary:
@@ -195,14 +196,34 @@ def _median(values: dict[str, float]) -> float:
     return float(np.median(list(values.values())))
 
 
-def as_json(outcomes: Sequence[Outcome], summaries: dict[str, dict[str, Summary]], default: str) -> dict[str, Any]:
-    """Every outcome (rad) and every summary (deg), ready for JSON."""
+def drift_table(bag: str, drifts: Mapping[str, Drift], default: str) -> str:
+    """Drift of every source against the GPS course."""
+    per_minute = 60.0 * math.degrees(1.0)
+    rows = [
+        [
+            _label(name, default),
+            f"{per_minute * one.slope:+.2f}",
+            f"{per_minute * one.low:+.2f} .. {per_minute * one.high:+.2f}",
+        ]
+        for name, one in drifts.items()
+    ]
+    return f"{bag}: drift against the GPS course\n{table(('source', 'deg/min', '95 %'), rows)}"
+
+
+def as_json(
+    outcomes: Sequence[Outcome],
+    summaries: dict[str, dict[str, Summary]],
+    drifts: Mapping[str, Mapping[str, Drift]],
+    default: str,
+) -> dict[str, Any]:
+    """Every outcome (rad), every summary (deg) and every drift against GPS (rad/s), ready for JSON."""
     return {
         "default_method": default,
         "published_deg": {drive: EXPERIMENTS[drive].published_deg for drive in summaries if drive in EXPERIMENTS},
         "summaries_deg": _finite(
             {drive: {s: asdict(one) for s, one in found.items()} for drive, found in summaries.items()}
         ),
+        "drifts_rad_s": {bag: {name: asdict(one) for name, one in found.items()} for bag, found in drifts.items()},
         "outcomes_rad": _finite([asdict(outcome) for outcome in outcomes]),
     }
 
