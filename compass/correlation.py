@@ -45,7 +45,7 @@ def correlate_rows(reference: Strip, current: Strip) -> Floats:
         Element (r, s) compares row r of `current` with row r of `reference` moved right by s columns. Rows without
         texture give zeros.
     """
-    product = current.spectrum * np.conj(reference.spectrum)
+    product = current.spectrum * reference.conjugate
     coefficients = scipy.fft.irfft(product, reference.columns, axis=1)
     energy = np.sqrt(np.einsum("rx,rx->r", reference.pixels, reference.pixels))
     energy *= np.sqrt(np.einsum("rx,rx->r", current.pixels, current.pixels))
@@ -57,7 +57,7 @@ def correlate_rows(reference: Strip, current: Strip) -> Floats:
 def pooled_spectrum(reference: Strip, current: Strip) -> npt.NDArray[np.complex64]:
     """Cross-spectrum of all rows together, normalised so that a perfect match correlates to 1."""
     energy = reference.contrast * current.contrast * reference.pixels.size
-    spectrum = np.einsum("rk,rk->k", np.conj(reference.spectrum), current.spectrum)
+    spectrum = np.einsum("rk,rk->k", reference.conjugate, current.spectrum)
     return spectrum / np.float32(max(energy, 1e-12))  # type: ignore[no-any-return]
 
 
@@ -74,11 +74,10 @@ def continuous_peak(spectrum: npt.NDArray[np.complex64], columns: int, start_px:
     through three samples is not, and errs by a hundredth of a column.
     """
     omega = 2.0 * np.pi / columns * np.arange(spectrum.size)
-    weight = np.full(spectrum.size, 2.0 / columns)
-    weight[0] = 1.0 / columns
+    weighted = spectrum * (2.0 / columns)
+    weighted[0] *= 0.5
     if columns % 2 == 0:
-        weight[-1] = 1.0 / columns
-    weighted = spectrum.astype(np.complex128) * weight
+        weighted[-1] *= 0.5
     shift = start_px
     for _ in range(steps):
         wave = weighted * np.exp(1j * omega * shift)
@@ -88,6 +87,6 @@ def continuous_peak(spectrum: npt.NDArray[np.complex64], columns: int, start_px:
             break
         step = min(max(-slope / curvature, -0.5), 0.5)
         shift = min(max(shift + step, start_px - 1.0), start_px + 1.0)
-        if abs(step) < 1e-6:
+        if abs(step) < 1e-5:  # columns; the next step would be its square
             break
     return Peak(shift, float(wave.real.sum()), curvature)

@@ -107,16 +107,23 @@ def _lag_scores(reference: Pixels, current: Pixels, windows: Pixels, whole: int,
         The scores, and each sector's energy in the reference.
     """
     columns = reference.shape[1]
-    lags = range(2 * reach + 1)
-    first = (whole - reach) % columns
-    extended = np.concatenate([current[:, first:], current, current[:, : max(first + 2 * reach - columns, 0)]], axis=1)
-    products = np.empty((len(lags), columns), np.float32)
-    for lag in lags:
-        np.einsum("rx,rx->x", reference, extended[:, lag : lag + columns], out=products[lag])
-    energies = np.lib.stride_tricks.sliding_window_view(np.einsum("rx,rx->x", extended, extended), columns)[: len(lags)]
+    extended = _unrolled(current, (whole - reach) % columns, columns + 2 * reach)
+    energy = np.einsum("rx,rx->x", extended, extended)
+    lags = 2 * reach + 1
+    sums = np.empty((2, lags, columns), np.float32)
+    for lag in range(lags):
+        np.einsum("rx,rx->x", reference, extended[:, lag : lag + columns], out=sums[0, lag])
+    sums[1] = np.lib.stride_tricks.sliding_window_view(energy, columns)
+    products, energies = sums @ windows.T
     own = windows @ np.einsum("rx,rx->x", reference, reference)
-    scale = np.sqrt(np.maximum(own * (energies @ windows.T), np.float32(1e-6)))
-    return (products @ windows.T) / scale, own
+    return products / np.sqrt(np.maximum(own * energies, np.float32(1e-6))), own
+
+
+def _unrolled(pixels: Pixels, first: int, count: int) -> Pixels:
+    """`count` columns from `first` on, round the circle as often as needed."""
+    columns = pixels.shape[1]
+    whole, rest = divmod(first + count - columns, columns)
+    return np.concatenate([pixels[:, first:], *[pixels] * whole, pixels[:, :rest]], axis=1)
 
 
 def _interpolated_peaks(scores: Pixels, best: npt.NDArray[np.intp]) -> tuple[Floats, Floats, Floats]:

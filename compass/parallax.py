@@ -54,14 +54,14 @@ def match_parallax(reference: Strip, current: Strip, search: Search) -> Match:
 
 def turn_posterior(sectors: SectorShifts, forward_px: float, columns: int) -> Posterior:
     """Posterior of the turn from the shifts of sectors, on a grid that closes in on it."""
-    index = np.round(sectors.centre_px * SECTORS / columns).astype(int)
-    expected = _hypotheses(columns, forward_px)[..., index].reshape(1 + DIRECTIONS * len(SCALES_PX), -1)
+    index = np.round(sectors.centre_px * SECTORS / columns).astype(np.intp)
+    expected = _hypotheses(columns, forward_px)
     chosen = _hypotheses_of(np.arange(0, DIRECTIONS, COARSE))
     low, high = (float(edge) for edge in np.percentile(sectors.shift_px, (3, 97)))
     low, high = low - 0.3, high + 0.3
     while True:
         grid, step = np.linspace(low, high, GRID, retstep=True)
-        likelihood = expected[chosen] @ _log_likelihoods(sectors, grid)
+        likelihood = expected[chosen] @ _log_likelihoods(sectors, index, grid)
         each = np.exp(likelihood - likelihood.max())
         weight = each.sum(axis=0, dtype=np.float64)
         pure = float(each[0].sum() / weight.sum())
@@ -83,7 +83,7 @@ def _hypotheses_of(directions: npt.NDArray[np.intp]) -> npt.NDArray[np.intp]:
     return np.concatenate([[0], (1 + directions[:, None] * scales + np.arange(scales)).ravel()])
 
 
-def _log_likelihoods(sectors: SectorShifts, grid: Floats) -> npt.NDArray[np.float32]:
+def _log_likelihoods(sectors: SectorShifts, index: npt.NDArray[np.intp], grid: Floats) -> npt.NDArray[np.float32]:
     """Log-likelihood of each sector's shift for each tabulated mean push, each sign, each turn of the grid.
 
     Noise is normal, a push exponential. Their convolution is approximated by one expression that is the normal for
@@ -91,7 +91,8 @@ def _log_likelihoods(sectors: SectorShifts, grid: Floats) -> npt.NDArray[np.floa
 
     Returns
     -------
-    (2 * pushes * sectors, GRID) array
+    (2 * pushes * SECTORS, GRID) array
+        Zero for sectors without an answer.
     """
     residual = (sectors.shift_px[:, None] - grid).astype(np.float32)
     sigma = sectors.sigma_px[:, None].astype(np.float32)
@@ -103,8 +104,9 @@ def _log_likelihoods(sectors: SectorShifts, grid: Floats) -> npt.NDArray[np.floa
     table += 2.0 * sigma * sigma
     np.divide(square, table, out=table)
     table += np.log(mean + 2.5 * sigma)
-    np.minimum(table, -OUTLIER, out=table)
-    return np.negative(table, out=table).reshape(-1, grid.size)
+    everywhere = np.zeros((2, len(PUSHES_PX), SECTORS, grid.size), np.float32)
+    everywhere[:, :, index] = np.maximum(-table, np.float32(OUTLIER))
+    return everywhere.reshape(-1, grid.size)
 
 
 @lru_cache(maxsize=4)
@@ -113,8 +115,8 @@ def _hypotheses(columns: int, forward_px: float) -> npt.NDArray[np.float32]:
 
     Returns
     -------
-    (1 + DIRECTIONS * scales, 2, pushes, SECTORS) array
-        The first hypothesis is a turn without any push. The second axis is the sign: to the right, to the left.
+    (1 + DIRECTIONS * scales, 2 * pushes * SECTORS) array
+        The first hypothesis is a turn without any push. First pushes to the right, then to the left.
     """
     azimuth = -2.0 * np.pi * (np.arange(SECTORS) / SECTORS - forward_px / columns)
     weights = np.zeros((1 + DIRECTIONS * len(SCALES_PX), 2, len(PUSHES_PX), SECTORS), np.float32)
@@ -130,7 +132,7 @@ def _hypotheses(columns: int, forward_px: float) -> npt.NDArray[np.float32]:
         sector = np.arange(SECTORS)
         weights[1 + index, sign, below, sector] = 1.0 - (position - below)
         weights[1 + index, sign, below + 1, sector] = position - below
-    return weights
+    return weights.reshape(len(weights), -1)
 
 
 def _with_pooled(posterior: Posterior, coarse: Peak, pixels: int) -> tuple[float, float]:

@@ -49,6 +49,11 @@ class Strip:
         return scipy.fft.rfft(self.pixels, axis=1)  # type: ignore[no-any-return]
 
     @cached_property
+    def conjugate(self) -> Spectrum:
+        """Complex conjugate of `spectrum`."""
+        return np.conj(self.spectrum)
+
+    @cached_property
     def smoothed(self) -> Pixels:
         """(at most SMOOTHED_ROWS, columns) rows added up in groups, and columns by 1 2 1: sectors compare these.
 
