@@ -7,7 +7,8 @@ Rendering is the slow part; the clean frames of an experiment are cached, and wh
 from fusion.simulation.camera import PanoramaCamera
 from fusion.simulation.drive import Drive, Truth, simulate
 from fusion.simulation.effects import Effects
-from fusion.simulation.experiments import EXPERIMENTS, Experiment, SimulationError
+from fusion.simulation.experiment import Experiment, SimulationError
+from fusion.simulation.experiments import EXPERIMENTS
 from fusion.simulation.imu import ImuModel, ImuReading
 from fusion.simulation.painter import CameraPose
 from fusion.simulation.robot import OdometryReading, Surface

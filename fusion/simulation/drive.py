@@ -13,7 +13,8 @@ import numpy.typing as npt
 from fusion.simulation.cache import Frame, Frames, Progress, cached_frames
 from fusion.simulation.camera import PanoramaCamera
 from fusion.simulation.effects import FrameEffects, encode_jpeg
-from fusion.simulation.experiments import Experiment, find_experiment
+from fusion.simulation.experiment import Experiment
+from fusion.simulation.experiments import find_experiment
 from fusion.simulation.imu import ImuReading, read_imu
 from fusion.simulation.rendering import Renderer, camera_poses
 from fusion.simulation.robot import OdometryReading, read_tracks
@@ -22,7 +23,6 @@ Floats = npt.NDArray[np.float64]
 
 START_NS = 1_366_934_400_000_000_000  # stamp of the start of every drive
 ODOMETRY_DELAY_NS = 3_000_000  # the sensors' clocks tick between each other
-CAMERA_DELAY = 0.0173  # s
 WORLDS = 3  # of each experiment
 SEEDS_PER_WORLD = 7
 TRUTH_HZ = 200.0
@@ -149,7 +149,7 @@ def simulate(
         There is no experiment of that name.
     """
     experiment = find_experiment(name)
-    times = frame_times(experiment)
+    times = experiment.frame_times()
     motion = experiment.trajectory.at(times)
     streams = [np.random.default_rng([seed, zlib.crc32(name.encode()), stream]) for stream in range(3)]
     effects = FrameEffects(experiment.effects, times, motion.yaw_rate, int(streams[2].integers(2**31)))
@@ -173,14 +173,6 @@ def simulate(
         experiment.effects.jpeg_quality,
         load,
     )
-
-
-def frame_times(experiment: Experiment) -> Floats:
-    """When frames are taken, s since the start: at the camera's rate with a jitter of 1 ms, as with a busy bus."""
-    count = int((experiment.trajectory.duration - CAMERA_DELAY) * experiment.frame_hz)
-    jitter = np.random.default_rng(zlib.crc32(experiment.name.encode())).normal(0.0, 1e-3, count)
-    seconds = CAMERA_DELAY + np.arange(count) / experiment.frame_hz + np.clip(jitter, -4e-3, 4e-3)
-    return np.round(seconds, 9)
 
 
 def true_motion(experiment: Experiment, t: Floats) -> Truth:

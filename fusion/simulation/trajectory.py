@@ -112,6 +112,8 @@ class Trajectory:
         Time in which speed and turn rate change from leg to leg, s.
     wobble : float
         Deviation of the steering corrections at full speed, rad.
+    unsteady : float
+        Deviation of the turn rate from the legs', relative to the fastest of them.
     wander : float
         How far a full turn on the spot displaces the robot, m.
     ground : Ground
@@ -122,6 +124,7 @@ class Trajectory:
     start: tuple[float, float, float] = (0.0, 0.0, 0.0)
     ramp: float = 0.6
     wobble: float = 0.0
+    unsteady: float = 0.0
     wander: float = 0.0
     ground: Ground = Ground()
 
@@ -161,21 +164,24 @@ class Trajectory:
         return value, integral, slope
 
     def _yaw(self, t: Floats) -> tuple[Floats, Floats]:
-        """Yaw and yaw rate: the legs', and the driver's corrections, which fade out as the robot stops."""
-        rate, yaw, _ = self._steps(t, "yaw_rate")
-        yaw = yaw + self.start[2]
-        top = max((abs(leg.speed) for leg in self.legs), default=0.0)
-        if self.wobble == 0.0 or top == 0.0:
-            return yaw, rate
+        """Yaw and yaw rate: the legs', the driver's corrections while driving, the tracks' unevenness while turning."""
+        rate, yaw, slope = self._steps(t, "yaw_rate")
         speed, _, acceleration = self._steps(t, "speed")
-        fade, fade_slope = (speed / top) ** 2, 2.0 * speed * acceleration / top**2
-        sway, sway_rate = np.zeros_like(t), np.zeros_like(t)
-        for frequency, phase, share in ((0.13, 0.4, 0.7), (0.31, 2.1, 0.6), (0.72, 4.4, 0.35)):
-            angle = 2.0 * np.pi * frequency * t + phase
-            amplitude = self.wobble * share * np.sqrt(2.0)
-            sway += amplitude * np.sin(angle)
-            sway_rate += amplitude * 2.0 * np.pi * frequency * np.cos(angle)
-        return yaw + fade * sway, rate + fade * sway_rate + fade_slope * sway
+        top_rate, top_speed = (
+            max((abs(getattr(leg, k)) for leg in self.legs), default=0.0) for k in ("yaw_rate", "speed")
+        )
+        yaw, total = yaw + self.start[2], rate
+        if self.wobble and top_speed:
+            share, change = (speed / top_speed) ** 2, 2.0 * speed * acceleration / top_speed**2
+            sway, sway_rate = _sway(t, ((0.13, 0.4, 0.70), (0.31, 2.1, 0.60), (0.72, 4.4, 0.35)))
+            yaw = yaw + self.wobble * share * sway
+            total = total + self.wobble * (share * sway_rate + change * sway)
+        if self.unsteady and top_rate:
+            share, change = (rate / top_rate) ** 2, 2.0 * rate * slope / top_rate**2
+            sway, sway_rate = _sway(t, ((0.23, 1.3, 0.45), (0.57, 5.2, 0.18), (1.31, 3.0, 0.06)))
+            yaw = yaw + self.unsteady * top_rate * share * sway
+            total = total + self.unsteady * top_rate * (share * sway_rate + change * sway)
+        return yaw, total
 
     @cached_property
     def _grid(self) -> Floats:
@@ -193,3 +199,13 @@ class Trajectory:
             steps = (v[1:] + v[:-1]) / (2.0 * _GRID_HZ)
             path.append(origin + np.concatenate([[0.0], np.cumsum(steps)]))
         return path[0], path[1]
+
+
+def _sway(t: Floats, waves: Sequence[tuple[float, float, float]]) -> tuple[Floats, Floats]:
+    """Sum of (frequency Hz, phase, amplitude) waves, and its rate."""
+    value, rate = np.zeros_like(t), np.zeros_like(t)
+    for frequency, phase, amplitude in waves:
+        angle = 2.0 * np.pi * frequency * t + phase
+        value += np.sqrt(2.0) * amplitude * np.sin(angle)
+        rate += np.sqrt(2.0) * amplitude * 2.0 * np.pi * frequency * np.cos(angle)
+    return value, rate

@@ -45,15 +45,20 @@ def school_yard(rng: np.random.Generator) -> World:
 
 
 def long_wall(rng: np.random.Generator) -> World:
-    """A yard with a house's wall along y = 1.1 m from x = 0, 30 m long; the robot drives along the panels' joints."""
+    """A house's wall along y = 2.2 m from x = 0, 29 m long; across the panels cars, trees, a hedge and other houses."""
     b = Builder(rng, OUTDOOR_DENSITY)
     _surroundings(b)
-    wall = materials.brick(rng, 29.0, 6.0, 100.0)
+    wall = materials.plaster(rng, 29.0, 6.0, 100.0)
     fittings.facade(rng, wall, 100.0)
-    b.wall((0.0, 1.1), (29.0, 1.1), wall, 6.0, hull=False)
+    b.wall((0.0, 2.2), (29.0, 2.2), wall, 6.0, hull=False)
     b.car((9.0, -3.4))
     b.box((17.0, -2.0), (1.8, 0.5, 0.45), materials.planks)
+    b.box((12.0, -11.0), (26.0, 1.0, 1.3), materials.foliage)
+    b.house((2.0, -24.0), (24.0, -16.0), 7.0, materials.plaster, 40.0)
     b.tree((13.0, -6.0), 5.0)
+    b.tree((27.0, -7.5), 6.0)
+    b.tree((36.0, -3.0), 5.0)
+    b.car((34.0, 5.0))
     b.tree((-3.0, -5.0), 6.0)
     b.box((-6.0, 4.0), (1.2, 0.9, 1.3), materials.metal)
     for k in range(6):
