@@ -27,6 +27,7 @@ COARSE = 8
 SCALES_PX = (0.1, 0.3, 1.0, 3.0, 10.0)  # typical pushes that are tried
 PUSHES_PX = (0.0, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0)  # mean pushes that are tabulated, log-spaced after none
 OUTLIER = -8.0  # log-likelihood of a sector that fits nothing: people, reflections, wrong peaks
+INDEPENDENT = 0.5  # share of the sectors: each has half its columns in common with its neighbours
 GRID = 25
 
 
@@ -61,7 +62,7 @@ def turn_posterior(sectors: SectorShifts, forward_px: float, columns: int) -> Po
     low, high = low - 0.3, high + 0.3
     while True:
         grid, step = np.linspace(low, high, GRID, retstep=True)
-        likelihood = expected[chosen] @ _log_likelihoods(sectors, index, grid)
+        likelihood = INDEPENDENT * (expected[chosen] @ _log_likelihoods(sectors, index, grid))
         each = np.exp(likelihood - likelihood.max())
         weight = each.sum(axis=0, dtype=np.float64)
         pure = float(each[0].sum() / weight.sum())
