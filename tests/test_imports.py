@@ -13,7 +13,7 @@ ROOMS = {
     "compass": NUMERICS | {"compass"},
     "fusion": {"numpy", "scipy", "compass", "fusion", "filterpy"},
     "fusion/simulation": NUMERICS | {"compass", "fusion"},
-    "fusion/offline": NUMERICS | {"compass", "fusion", "rosbags", "matplotlib", "click", "rich"},
+    "fusion/offline": NUMERICS | {"compass", "fusion", "rosbags", "matplotlib", "click", "rich", "yaml"},
 }
 ALSO = {"fusion/settings.py": {"yaml"}}  # the one reader of parameter files
 NEVER = {

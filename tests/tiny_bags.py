@@ -25,6 +25,7 @@ class TinyDrive:
     rate: float = 0.5
     gyro_bias: float = 0.01
     width: int = 256
+    body: bool = False  # whether the lower 30 % of the image show the robot itself
 
     def turn_rate(self, t: Any) -> Any:
         """Reached within half a second, as a robot of some mass does it."""
@@ -45,6 +46,11 @@ class TinyDrive:
         spectrum *= np.exp(-((rows[:, None] ** 2 + columns[None, :] ** 2) / (2 * 0.05**2)))
         shift = float(self.yaw(t)) * self.width / math.tau
         scene = np.fft.ifft2(spectrum * np.exp(-2j * np.pi * columns[None, :] * shift)).real
+        if self.body:
+            own = np.random.default_rng(11).normal(size=(self.width // 16, self.width // 8))
+            picture = cv2.resize(own, (self.width, self.width // 2), interpolation=cv2.INTER_CUBIC)
+            first = round(0.7 * scene.shape[0])
+            scene[first:] = (scene.std() * picture / picture.std())[first:]
         grain = np.random.default_rng(round(t * 1e6)).normal(size=scene.shape)
         return np.clip(np.rint(128 + 50 * scene / scene.std() + grain), 0, 255).astype(np.uint8)
 

@@ -140,6 +140,37 @@ def evaluate(
 
 
 @cli.command()
+@click.argument("bag", type=_PATH)
+@click.option(
+    "--out",
+    type=_PATH,
+    metavar="YAML",
+    default=Path("calibrated.yaml"),
+    show_default=True,
+    help="Settings to write, ready for --config.",
+)
+@click.option("--mask-preview", type=_PATH, metavar="PNG", help="Draw what belongs to the robot over a frame.")
+@click.option("--config", type=_PATH, metavar="YAML", help="Parameters in ROS form to start from.")
+@_topic_options
+def calibrate(
+    bag: Path,
+    out: Path,
+    mask_preview: Path | None,
+    config: Path | None,
+    image: str | None,
+    gyro: str | None,
+    odometry: str | None,
+    truth: str | None,
+) -> None:
+    """Propose region of interest, forward column and noises from BAG, in which the robot turns, drives and stands."""
+    from fusion.offline.calibrate import calibrate_bag
+    from fusion.offline.topics import TopicRequest
+    from fusion.settings import load_settings
+
+    click.echo(calibrate_bag(bag, load_settings(config), TopicRequest(image, gyro, odometry, truth), out, mask_preview))
+
+
+@cli.command()
 @click.option(
     "--out", type=_PATH, metavar="DIR", default=Path("demo"), show_default=True, help="Folder for bag and results."
 )

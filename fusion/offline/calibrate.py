@@ -1,0 +1,295 @@
+"""``visual-compass calibrate``: region of interest, forward column and noises from a user's own recording."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import yaml
+
+from compass import CompassConfig, VisualCompass, wrap_angle
+from compass.image import to_grey
+from compass.local import SectorShifts, local_shifts
+from compass.strip import prepare_strip
+from fusion.offline.bag import Bag, BagError
+from fusion.offline.console import progress_bar
+from fusion.offline.recording import BagRecording, Frame, Times, read_recording
+from fusion.offline.run import fuse_recording
+from fusion.offline.scores import FUSED, YawTrack, yaw_at, yaw_tracks
+from fusion.offline.staging import staged_file
+from fusion.offline.surroundings import MASK_COLUMNS, Mask, Panorama, body_top, forward_column, static_pixels
+from fusion.offline.topics import TopicRequest, choose_topics
+from fusion.settings import Settings
+
+TURN_STEP = math.radians(20.0)  # between frames that show the body: a window moves by its width and more
+MOST_TURNED, MOST_PAIRS = 60, 40
+STRIDE = (0.05, 0.4)  # m driven between the images of a pair
+STEADY = math.radians(1.0)  # most turning in a pair
+STILL = 1e-3  # m/s and rad/s by the tracks
+
+
+@dataclass(slots=True)
+class Evidence:
+    """Frames worth looking at.
+
+    Attributes
+    ----------
+    turned : list of Frame
+        Each `TURN_STEP` of yaw from the one before.
+    straight : list of (Frame, Frame)
+        Driven straight ahead between the two.
+    still : list of (Frame, Frame)
+        Neighbours at standstill.
+    """
+
+    turned: list[Frame] = field(default_factory=list)
+    straight: list[tuple[Frame, Frame]] = field(default_factory=list)
+    still: list[tuple[Frame, Frame]] = field(default_factory=list)
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """A proposed parameter by its dotted name, and the evidence in words; `value` None: nothing could be found."""
+
+    name: str
+    value: float | None
+    evidence: str
+
+
+def calibrate_bag(path: Path, settings: Settings, request: TopicRequest, out: Path, picture: Path | None) -> str:
+    """Propose settings from a recording that turns, drives straight and stands; write them as YAML for ``--config``.
+
+    Raises
+    ------
+    BagError
+        The bag cannot be read, has no panoramas, or the robot hardly turns in it.
+    """
+    with Bag(path) as bag:
+        choice = choose_topics(bag, settings.topics, request)
+        if choice.image is None:
+            raise BagError(f"{path}: no panoramas in it; name their topic with --image-topic")
+        with progress_bar("reading samples") as progress:
+            recording = read_recording(bag, choice, settings.imu, settings.compass.columns, progress)
+        with progress_bar("fusing") as progress:
+            fused = yaw_tracks(fuse_recording(recording, settings, progress))[FUSED]
+        evidence = gather(recording, fused)
+    if len(evidence.turned) < 6:
+        turned = math.degrees(len(evidence.turned) * TURN_STEP)
+        raise BagError(f"{path}: the robot turns by {turned:.0f} deg; calibration needs 120 and more, best a full turn")
+    static = static_pixels([_small(frame) for frame in evidence.turned])
+    findings = [*_region(evidence, static, fused, settings.compass), _forward(evidence, settings.compass)]
+    findings += [_gyro_noise(recording), _track_scale(recording, fused)]
+    with staged_file(out) as staged:
+        staged.write_text(_as_yaml(findings, path, _image_noise(evidence)), encoding="utf-8")
+    if picture is not None:
+        with staged_file(picture) as staged:
+            staged.write_bytes(cv2.imencode(".png", _drawn(evidence.turned[0], static))[1].tobytes())
+    lines = [
+        f"{one.name}: {'not found' if one.value is None else f'{one.value:g}'} ({one.evidence})" for one in findings
+    ]
+    return "\n".join([*lines, f"settings in {out}"])
+
+
+def gather(recording: BagRecording, fused: YawTrack) -> Evidence:
+    """Look through all frames once and keep those that tell something."""
+    evidence, last, kept_yaw = Evidence(), None, math.inf
+    for frame in recording.frames():
+        yaw = float(yaw_at(fused, np.array([frame.t_ns]))[0])
+        if abs(yaw - kept_yaw) > TURN_STEP and len(evidence.turned) < MOST_TURNED:
+            evidence.turned.append(frame)
+            kept_yaw = yaw
+        if last is None:
+            last = frame
+            continue
+        motion = _motion(recording, fused, last.t_ns, frame.t_ns)
+        if motion is not None and motion.still and len(evidence.still) < MOST_PAIRS:
+            evidence.still.append((last, frame))
+        if motion is not None and motion.steady and motion.way < STRIDE[0]:
+            continue  # wait for the pair's second image
+        if motion is not None and motion.steady and motion.way < STRIDE[1] and len(evidence.straight) < MOST_PAIRS:
+            evidence.straight.append((last, frame))
+        last = frame
+    return evidence
+
+
+@dataclass(frozen=True, slots=True)
+class _Motion:
+    """Between two images: way forward, m; whether the robot drove straight, or stood."""
+
+    way: float
+    steady: bool
+    still: bool
+
+
+def _motion(recording: BagRecording, fused: YawTrack, start_ns: int, end_ns: int) -> _Motion | None:
+    """By the tracks and the fused yaw; None where the tracks say nothing."""
+    odometry = recording.odometry
+    inside = slice(*np.searchsorted(odometry.t_ns, (start_ns, end_ns)))
+    speed, rate = odometry.speed[inside], odometry.yaw_rate[inside]
+    if not speed.size:
+        return None
+    yaw = yaw_at(fused, np.array([start_ns, end_ns]))
+    way = float(speed.mean()) * (end_ns - start_ns) * 1e-9
+    still = bool(np.abs(speed).max() < STILL and np.abs(rate).max() < STILL)
+    return _Motion(way, bool(abs(yaw[1] - yaw[0]) < STEADY and speed.min() > STILL), still)
+
+
+# ---------------------------------------------------------------- findings
+
+
+def _region(evidence: Evidence, static: Mask, fused: YawTrack, config: CompassConfig) -> list[Finding]:
+    """Above the body, and of several upper and lower edges those that measure known turns best."""
+    body = body_top(static)
+    limit = 1.0 if body is None else body - 0.02
+    where = "no body in view" if body is None else f"the body begins at {body:.2f}"
+    now = replace(config, roi_bottom=max(min(config.roi_bottom, limit), config.roi_top + 0.05))
+    errors = {(now.roi_top, now.roi_bottom): _turn_error(evidence.turned, fused, now)}
+    for top in (0.15, 0.25, 0.35):
+        for bottom in (0.5, 0.55, 0.6, 0.65):
+            if bottom <= limit and (top, bottom) not in errors:
+                errors[top, bottom] = _turn_error(
+                    evidence.turned, fused, replace(config, roi_top=top, roi_bottom=bottom)
+                )
+    best = min(errors, key=errors.__getitem__)
+    first = (now.roi_top, now.roi_bottom)
+    if errors[best] > 0.8 * errors[first]:
+        best = first  # no clear gain: stay
+    typical = f"{math.degrees(errors[best]):.3f} deg in the median"
+    told = f"turns of {math.degrees(TURN_STEP):.0f} deg measured to {typical}; {where}"
+    return [Finding("compass.roi_top", best[0], told), Finding("compass.roi_bottom", round(best[1], 3), told)]
+
+
+def _turn_error(frames: Sequence[Frame], fused: YawTrack, config: CompassConfig) -> float:
+    """Typical (median) error of turns between neighbouring frames against the fused yaw, rad; else infinite."""
+    errors = []
+    for one, other in itertools.pairwise(frames):
+        compass = VisualCompass(replace(config, max_yaw_rate=100.0))
+        compass.update(one.t_ns, one.image, one.encoding)
+        increment = compass.update(other.t_ns, other.image, other.encoding)
+        if increment is not None:
+            yaw = yaw_at(fused, np.array([one.t_ns, other.t_ns]))
+            errors.append(float(wrap_angle(increment.yaw - (yaw[1] - yaw[0]))))
+    if len(errors) < 0.5 * (len(frames) - 1):
+        return math.inf
+    return float(np.median(np.abs(errors)))
+
+
+def _forward(evidence: Evidence, config: CompassConfig) -> Finding:
+    """Column from which everything moves away while driving straight ahead."""
+    name = "compass.forward_column"
+    if len(evidence.straight) < 5:
+        return Finding(name, None, f"{len(evidence.straight)} straight stretches; 5 and more are needed")
+    found = forward_column(list(_sector_shifts(evidence.straight, config)), config.columns)
+    if found is None:
+        return Finding(name, None, "the surroundings are too far away to move")
+    told = f"from {len(evidence.straight)} straight stretches, good to {360 * found.sigma:.1f} deg"
+    return Finding(name, round(found.column, 4), told)
+
+
+def _sector_shifts(pairs: Iterable[tuple[Frame, Frame]], config: CompassConfig) -> Iterator[SectorShifts]:
+    for one, other in pairs:
+        strips = [prepare_strip(frame.t_ns, frame.image, config, frame.encoding) for frame in (one, other)]
+        found = local_shifts(strips[0], strips[1], 0.0, 64, 32.0)
+        scale = config.columns / strips[0].columns
+        yield replace(found, centre_px=found.centre_px * scale)
+
+
+def _image_noise(evidence: Evidence) -> float | None:
+    """Noise of the camera at standstill, grey values of 255; None where the robot never stands."""
+    differences = [
+        to_grey(one.image, one.encoding).astype(np.float32) - to_grey(other.image, other.encoding)
+        for one, other in evidence.still
+    ]
+    if not differences:
+        return None
+    spreads = [float(np.median(np.abs(difference - np.median(difference)))) for difference in differences]
+    return 1.4826 * float(np.median(spreads)) / math.sqrt(2.0)
+
+
+def _gyro_noise(recording: BagRecording) -> Finding:
+    """Deviation of the gyro's rate while the tracks stand, its slow bias taken out."""
+    name = "fusion.gyro_sigma"
+    still = _still_times(recording)
+    rates = [recording.gyro.yaw_rate[slice(*np.searchsorted(recording.gyro.t_ns, span))] for span in still]
+    steps = np.concatenate([np.diff(rate[np.isfinite(rate)]) for rate in rates] or [np.zeros(0)])
+    if steps.size < 50:
+        return Finding(name, None, f"{steps.size} gyro samples at standstill; 50 and more are needed")
+    sigma = float(np.std(steps) / math.sqrt(2.0))
+    if sigma < 1e-6:
+        return Finding(name, None, "the rate does not change at standstill: filtered or simulated")
+    return Finding(name, float(f"{sigma:.3g}"), f"from {steps.size} samples at standstill")
+
+
+def _still_times(recording: BagRecording) -> list[tuple[int, int]]:
+    """Spans between neighbouring track samples that both stand."""
+    odometry = recording.odometry
+    standing = (np.abs(odometry.speed) < STILL) & (np.abs(odometry.yaw_rate) < STILL)
+    both = np.flatnonzero(standing[1:] & standing[:-1])
+    spans: list[tuple[int, int]] = []
+    for index in both.tolist():
+        start, end = int(odometry.t_ns[index]), int(odometry.t_ns[index + 1])
+        if spans and spans[-1][1] == start:
+            spans[-1] = (spans[-1][0], end)
+        else:
+            spans.append((start, end))
+    return spans
+
+
+def _track_scale(recording: BagRecording, fused: YawTrack) -> Finding:
+    """Turn the tracks claim over the fused turn, by seconds in which the robot turns."""
+    name = "fusion.initial_scale"
+    odometry = recording.odometry
+    if odometry.t_ns.size < 2:
+        return Finding(name, None, "no track odometry")
+    seconds: Times = np.arange(odometry.t_ns[0], odometry.t_ns[-1], 2_000_000_000)
+    steps = np.diff(odometry.t_ns) * 1e-9 * 0.5 * (odometry.yaw_rate[1:] + odometry.yaw_rate[:-1])
+    claimed = YawTrack(odometry.t_ns, np.concatenate([[0.0], np.cumsum(steps)]))
+    turns, claims = np.diff(yaw_at(fused, seconds)), np.diff(yaw_at(claimed, seconds))
+    turning = np.abs(turns) > math.radians(5.0)
+    if np.count_nonzero(turning) < 3:
+        return Finding(name, None, "the robot hardly turns")
+    scale = float(turns[turning] @ claims[turning] / (turns[turning] @ turns[turning]))
+    return Finding(name, round(scale, 3), f"from {np.degrees(np.abs(turns[turning]).sum()):.0f} deg of turning")
+
+
+# ---------------------------------------------------------------- output
+
+
+def _small(frame: Frame) -> Panorama:
+    """The frame in grey, brought to `MASK_COLUMNS`, freed of its brightness."""
+    grey = to_grey(frame.image, frame.encoding).astype(np.float32)
+    height = round(grey.shape[0] * MASK_COLUMNS / grey.shape[1])
+    small = np.asarray(cv2.resize(grey, (MASK_COLUMNS, height), interpolation=cv2.INTER_AREA), np.float32)
+    return small * np.float32(128.0 / max(float(small.mean()), 1.0))
+
+
+def _drawn(frame: Frame, static: Mask) -> Panorama:
+    """A frame with what stays in orange."""
+    grey = np.clip(_small(frame), 0, 255).astype(np.uint8)
+    picture = cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR)
+    picture[static] = (0.5 * picture[static] + 0.5 * np.array([0, 94, 213])).astype(np.uint8)
+    return np.asarray(picture)
+
+
+def _as_yaml(findings: Sequence[Finding], path: Path, image_noise: float | None) -> str:
+    """The findings as a parameter file, the evidence as comments."""
+    lines = [f"# Calibrated from {path.name}"]
+    if image_noise is not None:
+        lines.append(f"# Noise of the camera: {image_noise:.1f} of 255 grey values.")
+    lines += ["/**:", "  ros__parameters:"]
+    for group in ("compass", "fusion"):
+        lines.append(f"    {group}:")
+        for one in findings:
+            head, name = one.name.split(".")
+            if head == group and one.value is None:
+                lines.append(f"      # {name}: not found, {one.evidence}")
+            elif head == group:
+                lines += [f"      # {one.evidence}", f"      {yaml.safe_dump({name: one.value}).strip()}"]
+        if not any(one.name.startswith(group) and one.value is not None for one in findings):
+            lines[-1 - sum(one.name.startswith(group) for one in findings)] = f"    {group}: {{}}"
+    return "\n".join(lines) + "\n"

@@ -1,0 +1,87 @@
+"""What calibration finds in a recording, against what was put in."""
+
+import math
+
+import numpy as np
+import pytest
+from tiny_bags import TinyBag, TinyDrive, fill
+
+from compass.local import SectorShifts
+from fusion.offline.cli import main
+from fusion.offline.surroundings import body_top, forward_column, static_pixels
+from fusion.settings import load_settings
+
+COLUMNS = 1024
+
+
+def turning_frames(static_rows: slice, horizon: bool = False) -> list[np.ndarray]:
+    """Texture that rolls by a seventh of the circle a frame, over texture that stays."""
+    rng = np.random.default_rng(2)
+    scene, body = (80 + 40 * rng.normal(size=(128, 256)) for _ in range(2))
+    if horizon:
+        scene = np.tile(scene[:, :1], (1, 256)) + 5 * rng.normal(size=scene.shape)
+    frames = []
+    for index in range(8):
+        frame = np.roll(scene, 37 * index, axis=1)
+        frame[static_rows] = body[static_rows]
+        frames.append((frame + rng.normal(size=frame.shape)).astype(np.float32))
+    return frames
+
+
+def test_static_pixels_are_the_body_and_nothing_else():
+    static = static_pixels(turning_frames(slice(90, None)))
+    # Windows of 15 px straddle the edge by 7.
+    assert static[98:].mean() > 0.99
+    assert static[:82].mean() < 0.01
+    assert body_top(static) == pytest.approx(90 / 128, abs=8 / 128)
+
+
+def test_static_pixels_a_horizon_alike_all_around_is_no_body():
+    assert static_pixels(turning_frames(slice(0, 0), horizon=True)).mean() < 0.01
+
+
+def test_body_top_without_body_is_none():
+    assert body_top(np.zeros((10, 10), bool)) is None
+
+
+def pushed(ahead: float, size: float, rng: np.random.Generator, turn: float = 0.3) -> SectorShifts:
+    """Sectors at random distances pushed away from the column `ahead` (fraction), with noise and a turn."""
+    centre = np.arange(64) * COLUMNS / 64
+    azimuth = 2 * math.pi * (centre / COLUMNS - ahead)
+    push = size * rng.uniform(0.2, 1.0, 64) * np.sin(azimuth)
+    ones = np.ones(64)
+    return SectorShifts(centre, turn + push + rng.normal(0.0, 0.05, 64), 0.05 * ones, ones, ones)
+
+
+@pytest.mark.parametrize("ahead", [0.0, 0.25, 0.5, 0.9])
+def test_forward_column_is_where_everything_moves_away_from(ahead):
+    rng = np.random.default_rng(6)
+    found = forward_column([pushed(ahead, 2.0, rng) for _ in range(20)], COLUMNS)
+    off = (found.column - ahead + 0.5) % 1.0 - 0.5
+    assert abs(off) < 3 * found.sigma
+    assert found.sigma < 5 / 360
+
+
+def test_forward_column_in_the_far_is_not_guessed():
+    rng = np.random.default_rng(6)
+    assert forward_column([pushed(0.5, 0.0, rng) for _ in range(6)], COLUMNS) is None
+
+
+def test_calibrate_proposes_what_was_put_in(tmp_path, capsys):
+    with TinyBag(tmp_path / "bag") as bag:
+        fill(bag, TinyDrive(seconds=8.0, body=True))
+    (tmp_path / "start.yaml").write_text("/**: {ros__parameters: {compass: {roi_bottom: 0.9}}}")
+    command = ["calibrate", str(tmp_path / "bag"), "--out", str(tmp_path / "c.yaml")]
+    assert main([*command, "--config", str(tmp_path / "start.yaml"), "--mask-preview", str(tmp_path / "m.png")]) == 0
+    settings = load_settings(tmp_path / "c.yaml")
+    assert settings.compass.roi_bottom < 0.71  # the body begins at 0.7
+    assert settings.fusion.initial_scale == pytest.approx(1.2, abs=0.01)  # the tiny drive's tracks claim so much
+    assert "forward_column: not found" in (tmp_path / "c.yaml").read_text()  # it never drives
+    assert (tmp_path / "m.png").exists()
+    assert "settings in" in capsys.readouterr().out
+
+
+def test_calibrate_without_turning_is_refused(tiny_bag, tmp_path, capsys):
+    assert main(["calibrate", str(tiny_bag), "--out", str(tmp_path / "c.yaml")]) == 1
+    assert "calibration needs 120" in capsys.readouterr().err
+    assert not (tmp_path / "c.yaml").exists()
