@@ -1,6 +1,7 @@
 """What colcon and `ros2` need beside pyproject.toml: marker, package.xml, executables, launch files, config."""
 
 from pathlib import Path
+from typing import Any
 
 from setuptools import setup
 
@@ -13,7 +14,26 @@ def files(pattern: str) -> list[str]:
     return sorted(map(str, Path().glob(pattern)))
 
 
+def from_pyproject() -> dict[str, Any]:
+    """What setuptools cannot read itself: ``colcon build --symlink-install`` works in a folder of links, without it."""
+    if Path("pyproject.toml").exists():
+        return {}
+    import tomllib
+
+    content = tomllib.loads((Path(__file__).resolve().parent / "pyproject.toml").read_text(encoding="utf-8"))
+    project = content["project"]
+    commands = [f"{name} = {function}" for name, function in project["scripts"].items()]
+    return {
+        "name": project["name"],
+        "version": project["version"],
+        "packages": content["tool"]["setuptools"]["packages"],
+        "entry_points": {"console_scripts": commands},
+    }
+
+
 setup(
+    **from_pyproject(),
+    python_requires=">=3.10",
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
         (SHARE, ["package.xml"]),
@@ -21,5 +41,5 @@ setup(
         (f"{SHARE}/config", files("config/*")),
         # Not console scripts: pip would put them on everybody's PATH; `ros2 run` looks for them here.
         (f"lib/{PACKAGE}", files("nodes/executables/*")),
-    ]
+    ],
 )

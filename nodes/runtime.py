@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 from collections.abc import Callable, Sequence
 
 import rclpy
@@ -46,6 +47,7 @@ def run(make_node: Callable[[], Node], args: Sequence[str] | None = None) -> int
         if rclpy.ok():
             raise  # else a callback lost its context under its hands: the end was asked for
     finally:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # launch and terminal both send one; the first is enough
         if node is not None:
             node.destroy_node()
         rclpy.try_shutdown()
