@@ -1,9 +1,11 @@
 """Soak of the live node: frames lost, latency, CPU and memory over a minute at full load, on loopback.
 
     python tests/benchmarks/soak.py --seconds 60
+    python tests/benchmarks/soak.py --transport raw --profile none
 
 Three processes, as on a robot: sensors (30 Hz JPEG panoramas of 2048x1024, 200 Hz gyro, 50 Hz track odometry), the
-node, and a listener that compares the arrival of each output with its stamp.
+node, and a listener that compares the arrival of each output with its stamp. `--transport raw` sends 15 Hz raw frames
+of 1600x800 in colour instead, `--profile none` goes without the Fast DDS profile of this package.
 """
 
 from __future__ import annotations
@@ -24,12 +26,14 @@ import cv2
 import numpy as np
 
 ROOT = Path(__file__).resolve().parents[2]
-IMAGE_HZ, GYRO_HZ, ODOMETRY_HZ = 30, 200, 50
+GYRO_HZ, ODOMETRY_HZ = 200, 50
+IMAGE_HZ = {"compressed": 30, "raw": 15}
+SIZE = {"compressed": (2048, 1024), "raw": (1600, 800)}
 STEP_DEG = 1.0  # turn per frame
 SWING = 60  # frames one way, then back
 
 
-def scene(width: int = 2048, height: int = 1024, seed: int = 0) -> np.ndarray:
+def scene(width: int, height: int, seed: int = 0) -> np.ndarray:
     """Textured panorama whose seam is closed: boxes of random grey at several scales, slightly blurred."""
     rng = np.random.default_rng(seed)
     image = np.zeros((height, width), np.float32)
@@ -39,84 +43,101 @@ def scene(width: int = 2048, height: int = 1024, seed: int = 0) -> np.ndarray:
     return cv2.GaussianBlur(np.tile(image, 3), (0, 0), 2.0)[:, width : 2 * width]
 
 
-def jpeg_frames() -> list[array.array]:
-    """JPEGs of the scene turning from 0 to `SWING` steps, as the arrays that rclpy sends fastest."""
-    panorama = scene()
-    per_step = STEP_DEG * panorama.shape[1] / 360.0
-    frames = []
+def image_messages(transport: str) -> list:
+    """Images of the scene turning from 0 to `SWING` steps; their data are the arrays that rclpy sends fastest."""
+    from sensor_msgs.msg import CompressedImage, Image
+
+    width, height = SIZE[transport]
+    panorama = scene(width, height)
+    messages = []
     for step in range(SWING + 1):
-        turned = np.roll(panorama, round(step * per_step), axis=1).astype(np.uint8)
+        turned = np.roll(panorama, round(step * STEP_DEG * width / 360.0), axis=1).astype(np.uint8)
         colour = cv2.cvtColor(turned, cv2.COLOR_GRAY2BGR)
-        frames.append(array.array("B", cv2.imencode(".jpg", colour, [cv2.IMWRITE_JPEG_QUALITY, 90])[1].tobytes()))
-    return frames
+        if transport == "raw":
+            message = Image(height=height, width=width, encoding="bgr8", step=3 * width)
+            message.data = array.array("B", colour.tobytes())
+        else:
+            message = CompressedImage(format="jpeg")
+            message.data = array.array("B", cv2.imencode(".jpg", colour, [cv2.IMWRITE_JPEG_QUALITY, 90])[1].tobytes())
+        messages.append(message)
+    return messages
 
 
-def sense(seconds: float) -> dict[str, int]:
+def sense(seconds: float, transport: str) -> dict[str, int]:
     """Publish all three sensors on an absolute schedule; returns how many of each were sent."""
     import rclpy
     from nav_msgs.msg import Odometry
     from rclpy.qos import qos_profile_sensor_data
-    from sensor_msgs.msg import CompressedImage, Imu
+    from sensor_msgs.msg import Imu
 
-    frames = jpeg_frames()
+    images = image_messages(transport)
     rclpy.init()
     node = rclpy.create_node("soak_sensors")
+    image_topic = "/viz/pano/image" + ("/compressed" if transport == "compressed" else "")
     publishers = {
-        "image": node.create_publisher(CompressedImage, "/viz/pano/image/compressed", qos_profile_sensor_data),
+        "images": node.create_publisher(type(images[0]), image_topic, qos_profile_sensor_data),
         "gyro": node.create_publisher(Imu, "/imu/data", qos_profile_sensor_data),
-        "odometry": node.create_publisher(Odometry, "/odom", qos_profile_sensor_data),
+        "tracks": node.create_publisher(Odometry, "/odom", qos_profile_sensor_data),
     }
     while not all(publisher.get_subscription_count() for publisher in publishers.values()):
         time.sleep(0.05)
+    time.sleep(1.0)  # until the subscribers know the publishers, too
     sent = dict.fromkeys(publishers, 0)
-    rate = math.radians(STEP_DEG * IMAGE_HZ)
-    period = {"gyro": 1.0 / GYRO_HZ, "odometry": 1.0 / ODOMETRY_HZ, "image": 1.0 / IMAGE_HZ}
+    image_hz = IMAGE_HZ[transport]
+    rate = math.radians(STEP_DEG * image_hz)
+    period = {"gyro": 1.0 / GYRO_HZ, "tracks": 1.0 / ODOMETRY_HZ, "images": 1.0 / image_hz}
     start = time.monotonic()
     while (now := time.monotonic() - start) < seconds:
         name = min(period, key=lambda n: sent[n] * period[n])
         due = sent[name] * period[name]
         if due > now:
             time.sleep(due - now)
-        swing, step = divmod(round(due * IMAGE_HZ), SWING)
-        turning = rate if swing % 2 == 0 else -rate
-        if name == "image":
-            message = CompressedImage(format="jpeg")
-            message.data = frames[step if swing % 2 == 0 else SWING - step]
+        swing, step = divmod(round(due * image_hz), SWING)
+        forth = swing % 2 == 0
+        if name == "images":
+            message = images[step if forth else SWING - step]
         elif name == "gyro":
             message = Imu()
-            message.angular_velocity.z = turning
+            message.angular_velocity.z = rate if forth else -rate
             message.linear_acceleration.z = 9.81
             message.orientation_covariance[0] = -1.0
         else:
             message = Odometry()
-            message.twist.twist.angular.z = turning
+            message.twist.twist.angular.z = rate if forth else -rate
         message.header.stamp = node.get_clock().now().to_msg()
         publishers[name].publish(message)
         sent[name] += 1
-    time.sleep(0.5)
+    time.sleep(3.0)  # for the last diagnostics
     rclpy.try_shutdown()
     return sent
 
 
-def listen() -> dict[str, list[float]]:
-    """Until SIGINT: seconds from stamp to arrival of every output, by topic."""
+def listen() -> dict:
+    """Until SIGINT: seconds from stamp to arrival of every output by topic, and the last diagnostics by stream."""
     import rclpy
+    from diagnostic_msgs.msg import DiagnosticArray
     from nav_msgs.msg import Odometry
     from rclpy.executors import ExternalShutdownException
 
     rclpy.init()
     node = rclpy.create_node("soak_listener")
     delays: dict[str, list[float]] = {"/compass_pose": [], "/odometry/fused": []}
+    told: dict[str, dict[str, str]] = {}
 
     def on(topic: str, message: Odometry) -> None:
         stamp = message.header.stamp
         delays[topic].append(time.time() - (stamp.sec + stamp.nanosec * 1e-9))
 
+    def on_diagnostics(message: DiagnosticArray) -> None:
+        for status in message.status:
+            told[status.name.split(": ")[1]] = {pair.key: pair.value for pair in status.values}
+
     for topic in delays:
         node.create_subscription(Odometry, topic, lambda message, topic=topic: on(topic, message), 100)
+    node.create_subscription(DiagnosticArray, "/diagnostics", on_diagnostics, 10)
     with suppress(KeyboardInterrupt, ExternalShutdownException):
         rclpy.spin(node)
-    return delays
+    return {"delays": delays, "told": told}
 
 
 def usage(pid: int) -> tuple[float, float]:
@@ -127,11 +148,12 @@ def usage(pid: int) -> tuple[float, float]:
     return ticks / os.sysconf("SC_CLK_TCK"), resident / 2**20
 
 
-def soak(seconds: float) -> dict[str, float]:
+def soak(seconds: float, transport: str, profile: str) -> dict[str, float]:
     """Run the three processes; returns the figures."""
     environment = dict(os.environ, ROS_AUTOMATIC_DISCOVERY_RANGE="LOCALHOST")
     environment.setdefault("ROS_DOMAIN_ID", str(1 + os.getpid() % 100))
-    environment["FASTRTPS_DEFAULT_PROFILES_FILE"] = str(ROOT / "config" / "fastdds.xml")
+    if profile != "none":
+        environment["FASTRTPS_DEFAULT_PROFILES_FILE"] = profile
 
     def start(*arguments: str) -> subprocess.Popen[str]:
         return subprocess.Popen(
@@ -140,8 +162,8 @@ def soak(seconds: float) -> dict[str, float]:
 
     me = str(Path(__file__).resolve())
     listener = start(me, "--role", "listen")
-    node = start("-m", "nodes.fusion_node", "--ros-args", "-p", "image_transport:=compressed")
-    sensors = start(me, "--role", "sense", "--seconds", str(seconds))
+    node = start("-m", "nodes.fusion_node", "--ros-args", "-p", f"image_transport:={transport}")
+    sensors = start(me, "--role", "sense", "--seconds", str(seconds), "--transport", transport)
     samples: list[tuple[float, float, float]] = []
     while sensors.poll() is None:
         if node.poll() is None:
@@ -150,26 +172,32 @@ def soak(seconds: float) -> dict[str, float]:
     sent = json.loads(sensors.communicate()[0])
     for process in (node, listener):
         process.send_signal(signal.SIGINT)
-    delays = json.loads(listener.communicate(timeout=30)[0])
+    heard = json.loads(listener.communicate(timeout=30)[0])
     node.wait(timeout=10)
-    return figures(sent, delays, samples[len(samples) // 5 :])
+    return figures(sent, heard, samples[len(samples) // 5 :])
 
 
-def figures(
-    sent: dict[str, int], delays: dict[str, list[float]], samples: list[tuple[float, float, float]]
-) -> dict[str, float]:
+def figures(sent: dict[str, int], heard: dict, samples: list[tuple[float, float, float]]) -> dict[str, float]:
     """Sum up: the first fifth of the run (start, discovery) is left out of CPU and memory."""
     (t0, cpu0, memory0), (t1, cpu1, memory1) = samples[0], samples[-1]
-    result = {
-        "images_sent": float(sent["image"]),
-        "images_answered": float(len(delays["/compass_pose"]) + 1),  # the first has nothing to be compared with
-        "fused_outputs": float(len(delays["/odometry/fused"])),
+    result = {}
+    for stream, count in sent.items():
+        told = heard["told"][stream]
+        result[f"{stream}_sent"] = float(count)
+        result[f"{stream}_lost"] = float(count - int(told["used"]))
+    result |= {
+        "images_dropped_by_node": float(heard["told"]["images"]["dropped"]),
         "cpu_percent": 100.0 * (cpu1 - cpu0) / (t1 - t0),
         "memory_mib": memory1,
         "memory_growth_mib": memory1 - memory0,
     }
     for topic, name in (("/compass_pose", "compass"), ("/odometry/fused", "fused")):
-        p50, p99, worst = np.percentile(delays[topic], [50, 99, 100]) * 1e3
+        delays = np.array(heard["delays"][topic]) * 1e3
+        p50, p99, worst = np.percentile(delays, [50, 99, 100])
+        result |= {
+            f"{name}_outputs": float(delays.size),
+            f"{name}_within_50_ms_percent": 100.0 * np.mean(delays <= 50.0),
+        }
         result |= {f"{name}_p50_ms": p50, f"{name}_p99_ms": p99, f"{name}_max_ms": worst}
     return result
 
@@ -178,16 +206,18 @@ def main() -> None:
     """Parse the command line."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seconds", type=float, default=60.0)
+    parser.add_argument("--transport", choices=("compressed", "raw"), default="compressed")
+    parser.add_argument("--profile", default=str(ROOT / "config" / "fastdds.xml"), help="of Fast DDS, or none")
     parser.add_argument("--json", type=Path, help="write the figures here as well")
     parser.add_argument("--role", choices=("soak", "sense", "listen"), default="soak", help=argparse.SUPPRESS)
     arguments = parser.parse_args()
     if arguments.role == "sense":
-        print(json.dumps(sense(arguments.seconds)))
+        print(json.dumps(sense(arguments.seconds, arguments.transport)))
     elif arguments.role == "listen":
         print(json.dumps(listen()))
     else:
-        result = soak(arguments.seconds)
-        print("\n".join(f"{name:20} {value:10.1f}" for name, value in result.items()))
+        result = soak(arguments.seconds, arguments.transport, arguments.profile)
+        print("\n".join(f"{name:30} {value:10.1f}" for name, value in result.items()))
         if arguments.json:
             arguments.json.write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
 
