@@ -162,14 +162,15 @@ def sky(rng: np.random.Generator) -> Sky:
     elevation = np.linspace(90.0, -11.25, rows)[:, None]
     glow = np.exp(-(((np.arange(columns) / columns - 0.3) / 0.15) ** 2))[None, :]
     image = (195.0 - 0.45 * elevation + 25.0 * glow).astype(np.float32)
-    clouds = _round(rng, (rows, columns), 400.0)
+    clouds = cv2.resize(_round(rng, (rows // 4, columns // 4), 100.0), (columns, rows), interpolation=cv2.INTER_CUBIC)
     image += 13.0 * np.clip(clouds, -1.0, 1.6) * np.clip((elevation - 2.0) / 20.0, 0.0, 1.0).astype(np.float32)
     degrees = columns / 360.0
+    low = slice(np.searchsorted(-elevation[:, 0], -9.0), rows)  # nothing on the horizon is higher
     for grey, height, rough, scale in ((150.0, 3.5, 1.5, 60.0), (110.0, 2.0, 1.0, 12.0), (75.0, 1.0, 0.8, 3.0)):
         line = height + rough * _round(rng, (4, columns), scale * degrees)[1]
-        inside = np.clip((line[None, :] - elevation) * degrees, 0.0, 1.0).astype(np.float32)
-        wood = grey + 0.12 * grey * _round(rng, (rows, columns), 2.0 * degrees)
-        image += inside * (wood - image)
+        inside = np.clip((line[None, :] - elevation[low]) * degrees, 0.0, 1.0).astype(np.float32)
+        wood = grey + 0.12 * grey * _round(rng, (inside.shape[0], columns), 2.0 * degrees)
+        image[low] += inside * (wood - image[low])
     return Sky(np.clip(cv2.GaussianBlur(image, (0, 0), 1.0), 0, 255), lowest)
 
 

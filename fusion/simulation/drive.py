@@ -163,11 +163,11 @@ def simulate(
         key = experiment.place.__name__.encode() + renderer.key()
         return cached_frames(f"{name}-{variant}", key, times.size, start, cache, workers, progress)
 
-    fine = np.union1d(np.arange(0.0, experiment.trajectory.duration, 1.0 / TRUTH_HZ), times)
+    fine = np.rint(np.arange(0.0, experiment.trajectory.duration, 1.0 / TRUTH_HZ) * 1e9) / 1e9
     return Drive(
         read_imu(experiment.trajectory, experiment.imu, streams[0], START_NS),
         read_tracks(experiment.trajectory, experiment.surface, streams[1], START_NS + ODOMETRY_DELAY_NS),
-        true_motion(experiment, fine),
+        true_motion(experiment, np.union1d(fine, times)),
         true_motion(experiment, times),
         effects,
         experiment.effects.jpeg_quality,

@@ -79,7 +79,7 @@ class Experiment:
         count = int((self.trajectory.duration - CAMERA_DELAY) * self.frame_hz)
         jitter = np.random.default_rng(zlib.crc32(self.name.encode())).normal(0.0, 1e-3, count)
         jitter = np.zeros(count) if self.rolled else np.clip(jitter, -4e-3, 4e-3)
-        return np.round(CAMERA_DELAY + np.arange(count) / self.frame_hz + jitter, 9)
+        return np.rint((CAMERA_DELAY + np.arange(count) / self.frame_hz + jitter) * 1e9) / 1e9
 
     @property
     def distance(self) -> float:
