@@ -25,7 +25,7 @@ class FusionConfig(ParameterSet):
         1.0, "turn rate to expect while nothing measures it, standard deviation", unit="rad/s", low=1e-3, high=100.0
     )
     rate_walk: float = parameter(
-        0.5, "how fast the turn rate changes: its standard deviation after one second", unit="rad/s/sqrt(s)",
+        1.0, "how fast the turn rate changes: its standard deviation after one second", unit="rad/s/sqrt(s)",
         low=1e-4, high=100.0,
     )  # fmt: skip
     gyro_sigma: float = parameter(
@@ -83,4 +83,11 @@ class FusionConfig(ParameterSet):
     )
     recovery_time: float = parameter(
         1.0, "a sensor rejected for this long is listened to again, with widened noise", unit="s", low=0.0, high=600.0
+    )
+    slip_recovery_time: float = parameter(
+        10.0,
+        "tracks rejected for this long have met another ground, not slipped: their scale is opened",
+        unit="s",
+        low=0.0,
+        high=600.0,
     )

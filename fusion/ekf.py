@@ -171,11 +171,12 @@ class YawEkf(ExtendedKalmanFilter):
         T[into] = T[State.YAW]
         self._transform(T)
 
-    def renew(self, index: State, variance: float) -> None:
-        """Forget state `index`: it is 0, known with `variance` (its unit squared), and tells nothing of others."""
+    def renew(self, index: State, variance: float, value: float = 0.0) -> None:
+        """Forget state `index`: it is `value`, known with `variance`, and tells nothing of the others."""
         T = np.eye(DIM)
         T[index, index] = 0.0
         self._transform(T)
+        self.x[index] = value
         self.P[index, index] = variance
 
     def anchor(self, into: int, measurement: Measurement) -> None:
@@ -244,7 +245,9 @@ class YawEkf(ExtendedKalmanFilter):
         """What standing still says: no turn rate, but for a creep too slow to be found."""
         H = np.zeros((1, DIM))
         H[0, State.RATE] = 1.0
-        return Measurement(-float(self.x[State.RATE]), H, CREEP_RATE**2)
+        # it tells nothing of scale factors, though linearised their errors go along with that of the rate
+        consider = (State.SCALE, State.GYRO_SCALE)
+        return Measurement(-float(self.x[State.RATE]), H, CREEP_RATE**2, consider=consider)
 
     def widen(self, index: State, variance: float) -> None:
         """Add to the variance of state `index`."""

@@ -8,16 +8,18 @@ from __future__ import annotations
 import copy
 from dataclasses import dataclass, field
 
+from compass import YawIncrement
 from fusion.config import FusionConfig
 from fusion.ekf import CLONES, Array, Correction, Measurement, State, Transition, YawEkf
 from fusion.events import CompassEvent, FusionEvent, GyroEvent, HeadingEvent, Sensor, TracksEvent
 from fusion.gating import Gate, Verdict, gate_limit
 from fusion.samples import OdometrySample, YawEstimate
 from fusion.standstill import Stillness
+from fusion.vote import Vote
 
-WAKING = 0.1  # s; so long may the robot have been turning when the first sign of it comes
+FOREVER_NS = 2**63
 LONGEST_GAP_NS = 500_000_000  # between odometry samples whose rates are integrated
-ALONE_NS = 500_000_000  # longer than the gap between two images of a slow camera
+SILENT_NS = 500_000_000  # longer than the gap between two images of a slow camera
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,6 +92,8 @@ class FilterState:
         Reference of the last increment.
     stillness : Stillness
         Signs of standing still.
+    vote : Vote
+        On the gyro.
     """
 
     x: Array
@@ -103,6 +107,7 @@ class FilterState:
     references_lost: int = 0
     reference_ns: int | None = None
     stillness: Stillness = field(default_factory=lambda: Stillness(0))
+    vote: Vote = field(default_factory=Vote)
 
 
 class YawFilter:
@@ -112,7 +117,8 @@ class YawFilter:
         self.config = config
         self._ekf = YawEkf(config)
         self._limit = gate_limit(config)
-        self._recovery_ns = round(config.recovery_time * 1e9)
+        seconds = dict.fromkeys(Sensor, config.recovery_time) | {Sensor.TRACKS: config.slip_recovery_time}
+        self._recovery_ns = {sensor: round(time * 1e9) for sensor, time in seconds.items()}
         self.start = FilterState(self._ekf.x, self._ekf.P)
 
     def step(
@@ -123,10 +129,11 @@ class YawFilter:
         ekf.tape = tape
         ekf.x, ekf.P = before.x, before.P
         ekf.track_speed, ekf.track_stray = before.track_speed, before.track_stray
-        if before.t_ns is not None and event.t_ns > before.t_ns:
-            ekf.predict_for((event.t_ns - before.t_ns) * 1e-9, still=before.stillness.standing)
         if before.t_ns is None:
             state.stillness = Stillness(event.t_ns)
+        self._watch(state, event)
+        if before.t_ns is not None and event.t_ns > before.t_ns:
+            ekf.predict_for((event.t_ns - before.t_ns) * 1e-9, still=state.stillness.standing)
         state.t_ns = event.t_ns
         if isinstance(event, GyroEvent):
             self._fuse_gyro(state, event)
@@ -142,11 +149,22 @@ class YawFilter:
         state.x, state.P = ekf.x, ekf.P
         return state
 
-    def _watch(self, state: FilterState, stillness: Stillness) -> None:
-        """Take note of what a sample says of standing; at the first sign of motion the turn rate is free again."""
+    def _watch(self, state: FilterState, event: FusionEvent) -> None:
+        """Note what an event says of standing; at the first sign of motion the turn rate is open again."""
+        stillness = state.stillness
+        if isinstance(event, GyroEvent):
+            stillness = stillness.with_gyro(event.t_ns, event.sample.yaw_rate, self._gyro_sigma(event))
+        elif isinstance(event, TracksEvent):
+            stillness = stillness.with_tracks(event.sample)
+        elif isinstance(event, CompassEvent):
+            stillness = stillness.with_increment(event.sample)
         if state.stillness.standing and not stillness.standing:
-            self._ekf.widen(State.RATE, self.config.rate_walk**2 * WAKING)
+            self._ekf.widen(State.RATE, self.config.initial_rate_sigma**2)
         state.stillness = stillness
+
+    def _gyro_sigma(self, event: GyroEvent) -> float:
+        variance = event.sample.variance
+        return self.config.gyro_sigma if variance is None else variance**0.5
 
     def _settle(self, state: FilterState) -> None:
         """Pin the turn rate once the robot is found to stand."""
@@ -158,8 +176,7 @@ class YawFilter:
 
     def _fuse_gyro(self, state: FilterState, event: GyroEvent) -> None:
         sample = event.sample
-        sigma = self.config.gyro_sigma if sample.variance is None else sample.variance**0.5
-        self._watch(state, state.stillness.with_gyro(sample.t_ns, sample.yaw_rate, sigma))
+        state.vote = state.vote.with_gyro(sample)
         measurement = self._ekf.gyro(sample.yaw_rate, sample.variance)
         if self._judge(state, Sensor.GYRO, measurement) is Verdict.RECOVERED:
             # the bias has jumped: open it until the gate is met
@@ -169,20 +186,22 @@ class YawFilter:
 
     def _fuse_tracks(self, state: FilterState, event: TracksEvent) -> None:
         sample, ekf, tracks = event.sample, self._ekf, state.tracks
-        self._watch(state, state.stillness.with_tracks(sample))
-        alone = self._tracks_alone(state)
+        state.vote = state.vote.with_tracks(sample)
+        alone = not (self._heard(state, Sensor.GYRO) or self._heard(state, Sensor.COMPASS))
+        # seldom enough that a slip meets what the others have settled, and not the other way round
+        interval = 0.0 if alone else self.config.track_interval
         turn, modulo_turn = tracks.turn_until(sample, self.config.odometry) if tracks else (None, False)
         seconds = (sample.t_ns - tracks.reference.t_ns) * 1e-9 if tracks else 0.0
         if tracks is None or turn is None:
             state.tracks = TrackClaim(sample, sample, 0.0)
             ekf.refer_tracks()
-        elif seconds > 0.0 and (alone or seconds >= self.config.track_interval - 1e-6):
+        elif seconds > 0.0 and seconds >= interval - 1e-6:
             jerk = (sample.yaw_rate - tracks.reference.yaw_rate) * self.config.track_timing
             noise = self.config.track_noise**2 * seconds + jerk**2
             measurement = ekf.tracks(turn, noise, modulo_turn=modulo_turn, alone=alone)
             if self._judge(state, Sensor.TRACKS, measurement) is Verdict.RECOVERED:
-                # the ground has changed: open the scale as far as it can explain the claim
-                ekf.widen(State.SCALE, self.config.initial_scale_sigma**2)
+                # the ground has changed: learn the scale anew
+                ekf.renew(State.SCALE, self.config.initial_scale_sigma**2, self.config.initial_scale)
             state.tracks = TrackClaim(sample, sample, 0.0)
             ekf.refer_tracks()
         else:
@@ -193,8 +212,8 @@ class YawFilter:
 
     def _fuse_increment(self, state: FilterState, event: CompassEvent) -> None:
         increment, ekf = event.sample, self._ekf
+        self._take_vote(state, increment)
         slot = next((i for i, c in enumerate(state.clones) if c and c.t_ns == increment.t_ref_ns), None)
-        self._watch(state, state.stillness.with_increment(increment))
         if increment.t_ref_ns != state.reference_ns:
             ekf.renew(State.COMPASS_ERROR, 1.0)
             state.reference_ns = increment.t_ref_ns
@@ -205,23 +224,39 @@ class YawFilter:
             ekf.anchor(State.CLONE + slot, ekf.compass(increment.yaw, increment.variance, State.CLONE + slot))
         else:
             measurement = ekf.compass(increment.yaw, increment.variance, State.CLONE + slot)
-            if self._judge(state, Sensor.COMPASS, measurement) is Verdict.RECOVERED:
+            verdict = self._judge(state, Sensor.COMPASS, measurement)
+            if state.vote.distrusted is Sensor.COMPASS:
+                ekf.anchor(State.CLONE + slot, measurement)
+            elif verdict is Verdict.RECOVERED:
                 # whoever erred, what comes from now on counts; should it be the gyro's bias, let it move
                 ekf.anchor(State.CLONE + slot, measurement)
                 ekf.widen(State.BIAS, self.config.initial_bias_sigma**2)
         self._mark(state, slot, Clone(increment.t_ref_ns, event.t_ns, reference=True))
         self._remember(state, event.t_ns, reference=False)
 
+    def _take_vote(self, state: FilterState, increment: YawIncrement) -> None:
+        """Count the votes; where the gyro lost, take back what was believed of it and let its bias move."""
+        ekf, windows = self._ekf, state.vote.windows
+        state.vote = state.vote.with_increment(increment, float(ekf.x[State.BIAS]), float(ekf.x[State.SCALE]))
+        if state.vote.windows > windows and not state.vote.agreed and state.vote.distrusted is Sensor.GYRO:
+            bias = float(ekf.x[State.BIAS]) + state.vote.contradiction
+            ekf.renew(State.BIAS, self.config.initial_bias_sigma**2, bias)
+            ekf.widen(State.RATE, self.config.initial_rate_sigma**2)
+            ekf.widen(State.YAW, state.vote.contradiction**2)
+
     @staticmethod
-    def _tracks_alone(state: FilterState) -> bool:
-        """Whether nothing else has measured the turning lately."""
-        heard = [state.gates[sensor].accepted_ns for sensor in (Sensor.GYRO, Sensor.COMPASS)]
-        return all(t_ns is None or (state.t_ns or 0) - t_ns > ALONE_NS for t_ns in heard)
+    def _heard(state: FilterState, sensor: Sensor) -> bool:
+        """Whether a sensor has measured the turning lately."""
+        t_ns = state.gates[sensor].accepted_ns
+        return t_ns is not None and (state.t_ns or 0) - t_ns <= SILENT_NS
 
     def _judge(self, state: FilterState, sensor: Sensor, measurement: Measurement) -> Verdict:
         """Pass a measurement through its gate and fuse it if accepted."""
         S = self._ekf.innovation_variance(measurement)
-        gate = state.gates[sensor].judge(state.t_ns or 0, measurement.innovation, S, self._limit, self._recovery_ns)
+        limit, recovery_ns = self._limit, self._recovery_ns[sensor]
+        if state.vote.distrusted is sensor:
+            limit, recovery_ns = -1.0, FOREVER_NS
+        gate = state.gates[sensor].judge(state.t_ns or 0, measurement.innovation, S, limit, recovery_ns)
         state.gates = {**state.gates, sensor: gate}
         verdict = gate.report.verdict if gate.report else Verdict.REJECTED
         if verdict is Verdict.ACCEPTED:
@@ -261,4 +296,5 @@ def estimate_of(state: FilterState) -> YawEstimate | None:
         track_scale=float(x[State.SCALE]),
         track_scale_variance=float(P[State.SCALE, State.SCALE]),
         standstill=state.stillness.standing,
+        slip=state.gates[Sensor.TRACKS].rejecting_since_ns is not None,
     )

@@ -13,10 +13,11 @@ from dataclasses import dataclass, field, replace
 from compass import YawIncrement, wrap_angle
 from fusion.samples import OdometrySample
 
-RESOLUTION = 0.002  # rad/s; about 0.1 deg/s, slower turns are left to the filter, which goes on estimating the rate
+RESOLUTION = 0.0005  # rad/s; slower turns are left to the filter, which goes on estimating the rate
 SHORTEST_NS = 500_000_000  # of quiet before it is called standstill
 SILENT_NS = 1_000_000_000  # a sensor not heard for so long has no say
 ROUGH = 0.02  # rad/s; noise to expect of resting tracks until it is known
+CREEP_RATE = 0.001  # rad/s; tracks that claim less show no motion
 CREEP = 0.01  # m/s; slower is not driving
 LATELY = 25  # gyro samples in its recent mean, for turns too slow to show in one sample
 CLEAR = 4.0  # standard deviations that make a sign of motion
@@ -121,12 +122,12 @@ class Stillness:
     def with_tracks(self, sample: OdometrySample) -> Stillness:
         """After an odometry sample."""
         rate, speed = self.track_rate, self.track_speed
-        rate_limit = CLEAR * (rate.sigma if rate.count > 20 else ROUGH) + RESOLUTION
+        rate_limit = CLEAR * (rate.sigma if rate.count > 20 else ROUGH) + CREEP_RATE
         speed_limit = CLEAR * speed.sigma + CREEP
         if abs(sample.yaw_rate) > rate_limit or abs(sample.speed) > speed_limit:
             return self.moved(sample.t_ns)
         rate, speed = rate.add(sample.yaw_rate), speed.add(sample.speed)
-        if rate.count > 20 and abs(rate.mean) > CLEAR * rate.mean_sigma + RESOLUTION / 2.0:
+        if rate.count > 20 and abs(rate.mean) > CLEAR * rate.mean_sigma + CREEP_RATE:
             return self.moved(sample.t_ns)
         return replace(self, tracks_ns=sample.t_ns, track_rate=rate, track_speed=speed)
 
@@ -141,15 +142,18 @@ class Stillness:
         """Decide whether the robot stands at `t_ns`, with what is known of the gyro's bias (rad/s)."""
         if self.standing or t_ns - self.since_ns < SHORTEST_NS:
             return self
-        finest = math.inf
+        witness = False
         if self.tracks_ns is not None and t_ns - self.tracks_ns < SILENT_NS:
-            finest = min(finest, self.track_rate.mean_sigma)
+            witness = self.track_rate.mean_sigma <= RESOLUTION
         if self.compass is not None and t_ns - self.compass.t_ns < SILENT_NS:
-            finest = min(finest, self.compass.resolution)
-        if finest > RESOLUTION / 2.0:
-            return self
+            seen = abs(self.compass.turn) <= 2.0 * math.sqrt(self.compass.turn_variance)
+            witness = seen and self.compass.resolution <= RESOLUTION
+            if not witness:
+                return self
         if self.gyro_ns is not None and t_ns - self.gyro_ns < SILENT_NS:
             off = abs(self.gyro.mean - bias)
-            if self.gyro.sigma > 2.0 * self.gyro_sigma or off > 3.0 * math.hypot(bias_sigma, RESOLUTION):
+            if self.gyro.sigma > 2.0 * self.gyro_sigma or off > 3.0 * math.hypot(bias_sigma, 4.0 * RESOLUTION):
                 return self
+        if not witness:
+            return self
         return replace(self, standing=True)

@@ -1,0 +1,97 @@
+"""A stop-and-go drive of a tracked robot and what its sensors say, with faults to order."""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.signal import lfilter
+
+from compass import YawIncrement, wrap_angle
+from fusion import GyroSample, OdometrySample, YawFusion
+
+HZ = 1000
+TICK = 5e-4 / 0.4  # rad of claimed turn per encoder count: 0.5 mm of track, 0.4 m between the tracks
+
+
+@dataclass(frozen=True)
+class RobotDrive:
+    """Truth at 1 kHz (s, rad) and the samples by stamp."""
+
+    t: np.ndarray
+    yaw: np.ndarray
+    samples: list
+
+    def changed(self, change, kind=object, since=0.0, until=math.inf):
+        """The drive with `change` (None: left out) made to the samples of a kind between two times, s."""
+
+        def one(sample):
+            hit = isinstance(sample, kind) and since <= sample.t_ns * 1e-9 < until
+            return change(sample) if hit else sample
+
+        return replace(self, samples=[s for s in map(one, self.samples) if s is not None])
+
+    def error(self, estimate):
+        """Yaw error of an estimate, rad."""
+        return estimate.yaw - float(np.interp(estimate.t_ns * 1e-9, self.t, self.yaw))
+
+
+def robot_drive(seed=0, seconds=60.0, bias=0.003, scale=1.35, gyro_hz=100, track_hz=40, compass_hz=10):
+    """Legs of 1 to 4 s, standing or turning at up to 1 rad/s while driving at 0.5 m/s.
+
+    Gyro: white noise of 0.003 rad/s. Tracks: scale of 1.35, grip that strays by 2 % over half a second, encoder ticks.
+    Compass: references held for 2 s, error of 5e-4 rad, half of its variance lasting for a second.
+    """
+    rng = np.random.default_rng(seed)
+    n = round(HZ * seconds)
+    rate, speed = _legs(rng, n)
+    yaw = np.concatenate([[0.0], np.cumsum(rate[:-1]) / HZ])
+    samples = [
+        GyroSample(int(j) * 10**6, float(rate[j] + bias + 0.003 * rng.normal())) for j in range(0, n, HZ // gyro_hz)
+    ]
+    grip = _gauss_markov(rng, n, 0.5) * 0.02
+    claimed = np.concatenate([[0.0], np.cumsum(scale * rate * (1 + grip) + speed * (grip + 0.003))[:-1] / HZ])
+    claimed = np.round(claimed[:: HZ // track_hz] / TICK) * TICK
+    for k, turn in enumerate(np.diff(claimed, prepend=0.0)):
+        j = k * (HZ // track_hz)
+        samples.append(OdometrySample((j + 1) * 10**6, float(turn * track_hz), float(speed[j]), float(claimed[k])))
+    samples += _increments(rng, yaw, HZ // compass_hz)
+    return RobotDrive(np.arange(n) / HZ, yaw, sorted(samples, key=lambda sample: sample.t_ns))
+
+
+def _legs(rng, n):
+    rate, speed, i = np.zeros(n), np.zeros(n), 2 * HZ
+    while i < n - 2 * HZ:
+        leg = int(rng.uniform(1.0, 4.0) * HZ)
+        if rng.integers(3):
+            rate[i : i + leg], speed[i : i + leg] = rng.uniform(-1.0, 1.0), 0.5
+        i += leg
+    smooth = np.hanning(400) / np.hanning(400).sum()
+    return np.convolve(rate, smooth, "same"), np.convolve(speed, smooth, "same")
+
+
+def _gauss_markov(rng, n, time):
+    keep = math.exp(-1.0 / (HZ * time))
+    return lfilter([math.sqrt(1.0 - keep**2)], [1.0, -keep], rng.normal(size=n))
+
+
+def _increments(rng, yaw, step):
+    out, reference, sigma = [], 17, 5e-4
+    lasting = _gauss_markov(rng, yaw.size, 1.0)
+    for j in range(17 + step, yaw.size, step):
+        error = sigma * math.sqrt(0.5) * (lasting[j] + rng.normal())
+        turn = float(wrap_angle(yaw[j] - yaw[reference] + error))
+        out.append(YawIncrement(reference * 10**6, j * 10**6, turn, sigma**2, 0.9))
+        if j - reference >= 2 * HZ:
+            reference = j
+    return out
+
+
+def fuse(drive, config=None):
+    """The fusion after the drive, and its yaw errors (rad) every tenth of a second."""
+    fusion, errors, due_ns = YawFusion(config), [], 0
+    for sample in drive.samples:
+        fusion.add(sample)
+        if sample.t_ns >= due_ns:
+            due_ns = sample.t_ns + 100_000_000
+            errors.append(drive.error(fusion.estimate()))
+    return fusion, np.array(errors)

@@ -1,0 +1,139 @@
+"""Drives of a tracked robot whose sensors are biased, silent, slipping, stuck or misled."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from robot_drive import RobotDrive, fuse, robot_drive
+from scipy.stats import chi2
+
+from compass import YawIncrement, wrap_angle
+from fusion import GyroSample, OdometrySample, Sensor
+
+DEG = math.radians(1.0)
+
+
+@pytest.fixture(scope="module")
+def drive():
+    return robot_drive()
+
+
+def test_ten_minutes_with_biased_gyro_stay_within_a_degree():
+    drive = robot_drive(1, seconds=600.0, bias=0.5 * DEG, gyro_hz=50, track_hz=20)
+    fusion, errors = fuse(drive)
+    # the compass itself wanders by 5e-4 rad at each of 300 references: 0.5 deg
+    assert np.abs(errors).max() < 1.0 * DEG
+    estimate = fusion.estimate()
+    assert abs(estimate.gyro_bias - 0.5 * DEG) < 4.0 * math.sqrt(estimate.gyro_bias_variance) < 0.001
+    assert estimate.track_scale == pytest.approx(1.35, abs=0.05)
+    assert errors[-1] ** 2 / estimate.yaw_variance < chi2.ppf(0.999, 1)
+
+
+def test_compass_blackout_of_half_a_minute_leaves_less_than_a_degree(drive):
+    fusion, errors = fuse(drive.changed(lambda s: None, YawIncrement, 20.0, 50.0))
+    assert np.abs(errors).max() < 1.0 * DEG
+    assert fusion.state.references_lost <= 1
+
+
+def spinning(sample):
+    """Tracks that spin against each other: half a rad/s claimed too much."""
+    return replace(sample, yaw_rate=sample.yaw_rate + 0.5, yaw=sample.yaw + 0.5 * (sample.t_ns * 1e-9 - 15.0))
+
+
+def stuck(sample):
+    return replace(sample, yaw_rate=0.0, yaw=1.0)
+
+
+@pytest.mark.parametrize("fault", [spinning, stuck])
+def test_total_slip_of_half_a_minute_leaves_less_than_a_degree(drive, fault):
+    slipping = drive.changed(fault, OdometrySample, 15.0, 45.0)
+    fusion, errors = fuse(slipping)
+    assert np.abs(errors).max() < 1.0 * DEG
+    assert fusion.reports()[Sensor.TRACKS].rejected > 5
+    assert not fusion.estimate().slip  # over for longer than slip_recovery_time
+    middle, _ = fuse(replace(slipping, samples=[s for s in slipping.samples if s.t_ns < 25_000_000_000]))
+    assert middle.estimate().slip
+
+
+@pytest.mark.parametrize("since", [0.0, 20.0])
+def test_silent_gyro_leaves_compass_and_tracks(drive, since):
+    _, errors = fuse(drive.changed(lambda s: None, GyroSample, since))
+    # between two images 0.1 s apart the turn rate may change by 0.3 rad/s: 0.9 deg; the compass takes it back
+    assert np.sqrt(np.mean(errors**2)) < 0.5 * DEG
+
+
+@pytest.mark.parametrize(
+    ("name", "broken"),
+    [
+        ("stuck at zero", lambda s: replace(s, yaw_rate=0.0)),
+        ("noise only", lambda s: replace(s, yaw_rate=0.003 * math.sin(1e-3 * s.t_ns))),
+        ("bias jumped", lambda s: replace(s, yaw_rate=s.yaw_rate + 0.2)),
+    ],
+    ids=lambda p: p if isinstance(p, str) else "",
+)
+def test_broken_gyro_is_outvoted(drive, name, broken):
+    fusion, errors = fuse(drive.changed(broken, GyroSample, 20.0))
+    # until the first vote the false rate of up to 1 rad/s is believed for half a second
+    assert np.abs(errors).max() < 30.0 * DEG
+    assert np.sqrt(np.mean(errors**2)) < 3.0 * DEG
+    assert abs(errors[-1]) < 3.0 * DEG
+    assert fusion.reports()[Sensor.GYRO].rejected > 40
+
+
+def test_large_bias_at_the_start_does_not_lock_the_compass_out(drive):
+    fusion, errors = fuse(drive.changed(lambda s: replace(s, yaw_rate=s.yaw_rate + 0.1), GyroSample))
+    assert np.abs(errors[50:]).max() < 1.0 * DEG
+    assert fusion.estimate().gyro_bias == pytest.approx(0.103, abs=0.002)
+
+
+def test_misled_compass_is_outvoted_by_gyro_and_tracks(drive):
+    """A crowd walks round the robot: for 20 s every increment turns by 0.1 rad/s too much."""
+
+    def misled(s):
+        return replace(s, yaw=float(wrap_angle(s.yaw + 0.1e-9 * (s.t_ns - s.t_ref_ns))))
+
+    fusion, errors = fuse(drive.changed(misled, YawIncrement, 20.0, 40.0))
+    assert np.abs(errors).max() < 1.0 * DEG
+    assert fusion.reports()[Sensor.COMPASS].rejected > 100
+    assert fusion.estimate().gyro_bias == pytest.approx(0.003, abs=0.001)
+
+
+def test_standstill_is_found_and_pins_the_bias():
+    standing = robot_drive(2, seconds=30.0).changed(lambda s: None, YawIncrement)
+    until = [s for s in standing.samples if s.t_ns < 2_000_000_000]  # the drive begins with two seconds of standing
+    fusion, _ = fuse(replace(standing, samples=until))
+    estimate = fusion.estimate()
+    assert estimate.standstill
+    # 200 samples of 0.003 rad/s, and a creep of 0.0005 rad/s that could not be seen
+    assert abs(estimate.gyro_bias - 0.003) < 3.0 * math.hypot(0.003 / math.sqrt(200), 5e-4)
+    assert math.sqrt(estimate.gyro_bias_variance) < 0.001
+    turned_ns = 1e9 * standing.t[np.argmax(np.abs(standing.yaw) > 1.0 * DEG)]
+    moving, _ = fuse(replace(standing, samples=[s for s in standing.samples if s.t_ns < turned_ns]))
+    assert not moving.estimate().standstill
+
+
+@pytest.mark.parametrize("sensors", [(GyroSample, YawIncrement), (GyroSample, OdometrySample, YawIncrement)])
+@pytest.mark.parametrize("rate_deg", [0.2, 1.0])
+def test_slow_turn_is_not_swallowed_by_standstill(sensors, rate_deg):
+    """A robot turns at a crawl for 30 s; its tracks have noise and a hidden dead zone: they say next to nothing."""
+    rate, rng = rate_deg * DEG, np.random.default_rng(3)
+    samples = [GyroSample(i * 10**7, rate + 0.005 + 0.003 * rng.normal()) for i in range(3000)]
+    samples += [OdometrySample(i * 25 * 10**6, 0.0, 0.0, 0.0) for i in range(1200)]
+    for i in range(1, 300):
+        turn = rate * 0.1 * i + 5e-4 * rng.normal()
+        samples.append(YawIncrement(0, i * 10**8, float(wrap_angle(turn)), 25e-8, 0.9))
+    chosen = sorted((s for s in samples if isinstance(s, sensors)), key=lambda s: s.t_ns)
+    t = np.arange(0.0, 31.0)
+    fusion, errors = fuse(RobotDrive(t, rate * t, chosen))
+    assert np.abs(errors).max() < 0.2 * DEG  # of 6 and 30 deg turned
+    assert fusion.estimate().gyro_bias == pytest.approx(0.005, abs=0.001)
+
+
+def test_robot_that_stands_does_not_drift():
+    rng = np.random.default_rng(4)
+    samples = [GyroSample(i * 10**7, 0.004 + 0.003 * rng.normal()) for i in range(12000)]
+    samples += [OdometrySample(i * 25 * 10**6, 0.0, 0.0, 0.0) for i in range(4800)]
+    t = np.array([0.0, 130.0])
+    _, errors = fuse(RobotDrive(t, 0.0 * t, sorted(samples, key=lambda s: s.t_ns)))
+    assert abs(errors[-1] - errors[100]) < 0.1 * DEG  # gyro alone: 0.004 rad/s for 110 s, 25 deg
