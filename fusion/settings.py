@@ -39,7 +39,11 @@ class TopicSettings(ParameterSet):
     base_frame: str = parameter("base_link", "child_frame_id of the outputs")
     publish_tf: bool = parameter(False, "broadcast odom_frame -> base_frame; needs tf2_ros")
     fused_rate: float = parameter(
-        0.0, "most messages a second on fused_output_topic; 0: one for every sample", unit="Hz", low=0.0, high=1000.0
+        0.0,
+        "most messages a second on fused_output_topic; 0: whenever there is something newer",
+        unit="Hz",
+        low=0.0,
+        high=1000.0,
     )
     sensor_timeout: float = parameter(
         2.0, "a sensor silent for longer is stale in /diagnostics", unit="s", low=0.1, high=3600.0, live=True

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-import threading
 import time
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -11,14 +10,11 @@ from typing import Any
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
 from rclpy.node import Node
-from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
-from rclpy.qos_overriding_options import QoSOverridingOptions
 from sensor_msgs.msg import Imu
 from std_srvs.srv import Empty
 
-from compass import YawIncrement
-from fusion import GyroSample, OdometrySample, Sensor, Verdict, YawPipeline
-from fusion.events import fault_of
+from fusion import Sensor, Verdict, YawPipeline
+from fusion.events import fault_of, sensor_of
 from fusion.messages import gyro_sample, odometry_sample
 from fusion.settings import Settings
 from fusion.vertical import ImuLevel
@@ -27,15 +23,10 @@ from nodes.complaints import Complaints, surviving
 from nodes.conversions import fused_odometry, pose_yaw
 from nodes.diagnostics import Diagnostics, Finding, count_figures, fusion_finding, gate_figures, stream_finding
 from nodes.health import StreamHealth
+from nodes.inbox import Inbox, Sample
 from nodes.parameters import NodeParameters
 from nodes.runtime import on_jump_back, run
 from nodes.transforms import transform_broadcaster, transform_of
-
-# Sensor-data profile with a queue of 50 ms of a fast gyro. A longer one would be worse: under overload the samples in
-# it grow older than the images, and every late sample makes the filter replay what came after it.
-SENSOR_QOS = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
-
-Sample = GyroSample | OdometrySample | YawIncrement
 
 
 class FusionNode(Node):
@@ -51,15 +42,15 @@ class FusionNode(Node):
         self._complaints = Complaints(self.get_logger().warning)
         self._pipeline = YawPipeline(settings.compass, settings.fusion)
         self._level = ImuLevel(settings.imu)
-        self._lock = threading.Lock()  # guards the filter and its output; the compass works outside of it
+        self._inbox = Inbox(self, surviving(self, "fusion", self._complaints, self._fuse))
         self._health = {sensor: StreamHealth() for sensor in Sensor}
         self._published_ns = -1
         self._publisher = self.create_publisher(Odometry, topics.fused_output_topic, 10)
         self._broadcaster = transform_broadcaster(self) if topics.publish_tf else None
         self._listen(Imu, Sensor.GYRO, lambda message: gyro_sample(message, self._level))
         self._listen(Odometry, Sensor.TRACKS, odometry_sample)
-        self._stream = CompassStream(self, settings, self._pipeline.compass, self._complaints, self._fuse_increment)
-        self._health[Sensor.COMPASS] = self._stream.health
+        self._stream = CompassStream(self, settings, self._pipeline.compass, self._complaints, self._inbox.send)
+        self._health[Sensor.COMPASS], self._topics[Sensor.COMPASS] = self._stream.health, self._stream.topic
         parameters.on_change(self._apply)
         self.create_service(Empty, "~/reset", self._on_reset)
         set_pose = surviving(self, "set_pose", self._complaints, self._on_set_pose)
@@ -81,27 +72,24 @@ class FusionNode(Node):
 
         def receive(message: Any) -> None:
             health.receive(time.monotonic())
-            sample = convert(message)
-            if self._fuse(sample, sensor):
-                health.use(time.monotonic(), sample.t_ns)
+            self._inbox.append(convert(message))
 
-        options = QoSOverridingOptions.with_default_policies()
-        callback = surviving(self, topic, self._complaints, receive)
-        self.create_subscription(kind, topic, callback, SENSOR_QOS, qos_overriding_options=options)
+        self._inbox.listen(kind, topic, surviving(self, topic, self._complaints, receive))
 
-    def _fuse_increment(self, increment: YawIncrement) -> None:
-        self._fuse(increment, Sensor.COMPASS)
+    def _fuse(self, samples: list[Sample]) -> None:
+        """Add samples and publish what they changed."""
+        for sample in samples:
+            sensor = sensor_of(sample)
+            if not self._pipeline.add(sample):
+                why = fault_of(sample) or "late beyond lag_window, or known already"
+                self._complaints(self._topics[sensor], f"refused: {why}")
+            elif self._accepted(sensor) and sensor is not Sensor.COMPASS:
+                self._health[sensor].use(time.monotonic(), sample.t_ns)
+        self._publish()
 
-    def _fuse(self, sample: Sample, sensor: Sensor) -> bool:
-        """Add a sample, from whichever thread, and publish what it changed; False where it was not used."""
-        with self._lock:
-            taken = self._pipeline.add(sample)
-            report = self._pipeline.fusion.reports()[sensor]
-            self._publish()
-        if not taken:
-            where = self._topics.get(sensor, self._stream.topic)
-            self._complaints(where, f"refused: {fault_of(sample) or 'late beyond lag_window, or known already'}")
-        return taken and (report is None or report.verdict is not Verdict.REJECTED)
+    def _accepted(self, sensor: Sensor) -> bool:
+        report = self._pipeline.fusion.reports()[sensor]
+        return report is None or report.verdict is not Verdict.REJECTED
 
     def _publish(self) -> None:
         """Publish the estimate if it is newer than the last; a late sample shows in the next."""
@@ -123,9 +111,9 @@ class FusionNode(Node):
     def _reset(self) -> None:
         """Start everything anew."""
         self._stream.reset()
-        with self._lock:
-            self._pipeline.fusion.reset()
-            self._level.reset()
+        self._inbox.clear()
+        self._pipeline.fusion.reset()
+        self._level.reset()
 
     def _on_reset(self, _: Empty.Request, response: Empty.Response) -> Empty.Response:
         self._reset()
@@ -133,8 +121,7 @@ class FusionNode(Node):
 
     def _on_set_pose(self, message: PoseWithCovarianceStamped) -> None:
         yaw, variance = pose_yaw(message)
-        with self._lock:
-            self._pipeline.fusion.set_yaw(yaw, variance)
+        self._pipeline.fusion.set_yaw(yaw, variance)
 
     def _sensor_finding(self, sensor: Sensor) -> Finding:
         level, text, figures = stream_finding(self, self._health[sensor], self._settings.topics.sensor_timeout)
@@ -146,17 +133,14 @@ class FusionNode(Node):
     def _filter_figures(self, sensor: Sensor) -> dict[str, str]:
         """How a sensor's samples fared in the filter."""
         fusion = self._pipeline.fusion
-        with self._lock:
-            return gate_figures(fusion.reports()[sensor]) | count_figures(fusion.counts, f"{sensor.value}: ")
+        return gate_figures(fusion.reports()[sensor]) | count_figures(fusion.counts, f"{sensor.value}: ")
 
     def _fusion_finding(self) -> Finding:
         timeout, now = self._settings.topics.sensor_timeout, time.monotonic()
         live = sum(health.alive(now, timeout) for health in self._health.values())
-        with self._lock:
-            estimate = self._pipeline.estimate()
-            resets = count_figures(self._pipeline.fusion.counts, "reset")
-        level, text, figures = fusion_finding(estimate, live)
-        return level, text, figures | resets
+        level, text, figures = fusion_finding(self._pipeline.estimate(), live)
+        figures |= self._complaints.figures("fusion")
+        return level, text, figures | count_figures(self._pipeline.fusion.counts, "reset")
 
     def _images_finding(self) -> Finding:
         level, text, figures = self._stream.finding()

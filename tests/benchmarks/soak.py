@@ -29,8 +29,8 @@ ROOT = Path(__file__).resolve().parents[2]
 GYRO_HZ, ODOMETRY_HZ = 200, 50
 IMAGE_HZ = {"compressed": 30, "raw": 15}
 SIZE = {"compressed": (2048, 1024), "raw": (1600, 800)}
-STEP_DEG = 1.0  # turn per frame
-SWING = 60  # frames one way, then back
+REACH = math.radians(30.0)  # the robot turns by twice this and back, smoothly
+SWING = 60  # frames one way, then back the same
 
 
 def scene(width: int, height: int, seed: int = 0) -> np.ndarray:
@@ -43,15 +43,25 @@ def scene(width: int, height: int, seed: int = 0) -> np.ndarray:
     return cv2.GaussianBlur(np.tile(image, 3), (0, 0), 2.0)[:, width : 2 * width]
 
 
+def yaw_at(frame: float) -> float:
+    """Yaw at a frame's number, rad."""
+    return REACH * (1.0 - math.cos(math.pi * frame / SWING))
+
+
+def rate_at(frame: float, image_hz: float) -> float:
+    """Its derivative, rad/s."""
+    return REACH * math.pi / SWING * image_hz * math.sin(math.pi * frame / SWING)
+
+
 def image_messages(transport: str) -> list:
-    """Images of the scene turning from 0 to `SWING` steps; their data are the arrays that rclpy sends fastest."""
+    """Images of one way, 0 to `SWING`; their data are the arrays that rclpy sends fastest."""
     from sensor_msgs.msg import CompressedImage, Image
 
     width, height = SIZE[transport]
     panorama = scene(width, height)
     messages = []
     for step in range(SWING + 1):
-        turned = np.roll(panorama, round(step * STEP_DEG * width / 360.0), axis=1).astype(np.uint8)
+        turned = np.roll(panorama, round(yaw_at(step) * width / math.tau), axis=1).astype(np.uint8)
         colour = cv2.cvtColor(turned, cv2.COLOR_GRAY2BGR)
         if transport == "raw":
             message = Image(height=height, width=width, encoding="bgr8", step=3 * width)
@@ -84,7 +94,6 @@ def sense(seconds: float, transport: str) -> dict[str, int]:
     time.sleep(1.0)  # until the subscribers know the publishers, too
     sent = dict.fromkeys(publishers, 0)
     image_hz = IMAGE_HZ[transport]
-    rate = math.radians(STEP_DEG * image_hz)
     period = {"gyro": 1.0 / GYRO_HZ, "tracks": 1.0 / ODOMETRY_HZ, "images": 1.0 / image_hz}
     start = time.monotonic()
     while (now := time.monotonic() - start) < seconds:
@@ -92,18 +101,18 @@ def sense(seconds: float, transport: str) -> dict[str, int]:
         due = sent[name] * period[name]
         if due > now:
             time.sleep(due - now)
-        swing, step = divmod(round(due * image_hz), SWING)
-        forth = swing % 2 == 0
+        rate = rate_at(due * image_hz, image_hz)
         if name == "images":
-            message = images[step if forth else SWING - step]
+            swing, step = divmod(sent[name], SWING)
+            message = images[step if swing % 2 == 0 else SWING - step]
         elif name == "gyro":
             message = Imu()
-            message.angular_velocity.z = rate if forth else -rate
+            message.angular_velocity.z = rate
             message.linear_acceleration.z = 9.81
             message.orientation_covariance[0] = -1.0
         else:
             message = Odometry()
-            message.twist.twist.angular.z = rate if forth else -rate
+            message.twist.twist.angular.z = rate
         message.header.stamp = node.get_clock().now().to_msg()
         publishers[name].publish(message)
         sent[name] += 1
