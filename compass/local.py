@@ -11,10 +11,14 @@ import scipy.fft
 from scipy.interpolate import make_interp_spline
 
 from compass.correlation import Floats, Peak, continuous_peak, pooled_spectrum, signed
+from compass.increment import CompassStatus
 from compass.match import Search
 from compass.strip import Pixels, Strip
 
 REACH_PX = 20  # how far a sector may lie from the coarse shift, columns
+OUTSIDE = 0.5  # of the highest peak anywhere is enough for one within reach
+RIVAL = 0.97  # of the highest peak makes another, APART-th of the circle away, as likely
+APART = 16
 TAPS = 6  # samples on either side of the best one that its interpolation uses
 FINE = 16  # interpolated samples per column
 CORRELATED_PIXELS = 4.0  # that share their error: smoothing, and parallax inside a sector
@@ -50,19 +54,33 @@ class SectorShifts:
         return float(self.correlation @ self.energy) / total if total > 0.0 else 0.0
 
 
-def coarse_shift(reference: Strip, current: Strip, search: Search) -> Peak:
-    """Shift of all rows pooled: the highest peak within reach, unless only one outside it matches."""
+def coarse_shift(reference: Strip, current: Strip, search: Search) -> tuple[Peak, CompassStatus]:
+    """Shift of all rows pooled: the highest peak within reach, unless only one outside it matches.
+
+    Returns
+    -------
+    Peak
+        Its shift in [-columns / 2, columns / 2).
+    CompassStatus
+        AMBIGUOUS where another peak within reach is as high, else OK.
+    """
     spectrum = pooled_spectrum(reference, current)
     columns = reference.columns
     values = scipy.fft.irfft(spectrum, columns)
     best = anywhere = int(values.argmax())
-    if abs(float(signed(best - search.expected_px, columns))) > search.reach_px + 1.0:
-        outside = np.abs(signed(np.arange(columns) - search.expected_px, columns)) > search.reach_px + 1.0
+    ambiguous = False
+    lags = np.arange(columns)
+    outside = np.abs(signed(lags - search.expected_px, columns)) > search.reach_px + 1.0
+    if outside[best]:
         best = int(np.where(outside, -np.inf, values).argmax())
-        if values[best] < 0.5 * values[anywhere]:
+        if values[best] < OUTSIDE * values[anywhere]:
             best = anywhere
+    elif search.reach_px > columns / APART:
+        rivals = ~outside & (np.abs(signed(lags - best, columns)) > columns / APART)
+        ambiguous = bool(rivals.any()) and float(values[rivals].max()) > RIVAL * float(values[best])
     peak = continuous_peak(spectrum, columns, float(best))
-    return Peak(float(signed(peak.shift_px, columns)), peak.value, peak.curvature)
+    status = CompassStatus.AMBIGUOUS if ambiguous else CompassStatus.OK
+    return Peak(float(signed(peak.shift_px, columns)), peak.value, peak.curvature), status
 
 
 def local_shifts(reference: Strip, current: Strip, coarse_px: float, sectors: int, per_circle: float) -> SectorShifts:
@@ -80,6 +98,9 @@ def local_shifts(reference: Strip, current: Strip, coarse_px: float, sectors: in
     columns = reference.columns
     windows = sector_windows(columns, sectors, per_circle)
     reach = min(REACH_PX, columns // 4)
+    if reach <= TAPS or columns < 2 * per_circle:  # an image too narrow to have sectors
+        nothing = np.empty(0)
+        return SectorShifts(nothing, nothing, nothing, nothing, nothing)
     whole = round(coarse_px)
     scores, energy = _lag_scores(reference.smoothed, current.smoothed, windows, whole, reach)
     best = scores.argmax(axis=0)

@@ -42,7 +42,7 @@ class Posterior:
 
 def match_parallax(reference: Strip, current: Strip, search: Search) -> Match:
     """Shift of each sector, and the turn that explains them with pushes of the right sign."""
-    coarse = coarse_shift(reference, current, search)
+    coarse, status = coarse_shift(reference, current, search)
     sectors = local_shifts(reference, current, coarse.shift_px, SECTORS, PER_CIRCLE)
     if sectors.shift_px.size < SECTORS // 8:
         return Match(coarse.shift_px, np.inf, max(coarse.value, 0.0))
@@ -50,7 +50,7 @@ def match_parallax(reference: Strip, current: Strip, search: Search) -> Match:
     turn, variance = _with_pooled(posterior, coarse, reference.pixels.size)
     spread = float(np.percentile(np.abs(sectors.shift_px - turn), 75))
     confidence = float(np.clip(sectors.mean_correlation, 0.0, 1.0))
-    return Match(float(signed(turn, reference.columns)), variance, confidence, spread_px=spread)
+    return Match(float(signed(turn, reference.columns)), variance, confidence, status, spread)
 
 
 def turn_posterior(sectors: SectorShifts, forward_px: float, columns: int) -> Posterior:

@@ -18,7 +18,7 @@ def match_sectors(reference: Strip, current: Strip, search: Search) -> Match:
     A sector that sees something near is pushed aside when the robot drives; as long as fewer than half are pushed to
     one side, the median is not.
     """
-    coarse = coarse_shift(reference, current, search)
+    coarse, status = coarse_shift(reference, current, search)
     sectors = local_shifts(reference, current, coarse.shift_px, SECTORS, PER_CIRCLE)
     if not sectors.shift_px.size:
         return Match(coarse.shift_px, np.inf, 0.0)
@@ -27,4 +27,4 @@ def match_sectors(reference: Strip, current: Strip, search: Search) -> Match:
     # a median has pi / 2 times the variance of a mean; every fourth sector is independent
     independent = max(sectors.shift_px.size * PER_CIRCLE / SECTORS, 1.0)
     variance = 0.5 * np.pi * max(spread**2, float(np.median(sectors.sigma_px**2))) / independent
-    return Match(median, variance, float(np.clip(coarse.value, 0.0, 1.0)))
+    return Match(median, variance, float(np.clip(coarse.value, 0.0, 1.0)), status)

@@ -55,7 +55,7 @@ class Strip:
 
     @cached_property
     def smoothed(self) -> Pixels:
-        """(at most SMOOTHED_ROWS, columns) rows added up in groups, and columns by 1 2 1: sectors compare these.
+        """(at most SMOOTHED_ROWS, columns) rows averaged in groups, and columns by 1 2 1: sectors compare these.
 
         Without the highest frequencies a spline through the correlation at whole lags errs by thousandths of a
         column, with them by hundredths.
@@ -63,9 +63,15 @@ class Strip:
         merged = -(-self.pixels.shape[0] // SMOOTHED_ROWS)
         rows = self.pixels.shape[0] // merged
         groups = self.pixels[: rows * merged].reshape(rows, merged, -1).sum(axis=1)
+        groups *= np.float32(0.25 / merged)
         wrapped = np.concatenate([groups[:, -1:], groups, groups[:, :1]], axis=1)
         smoothed: Pixels = wrapped[:, :-2] + 2.0 * wrapped[:, 1:-1] + wrapped[:, 2:]
         return smoothed
+
+    @cached_property
+    def texture(self) -> float:
+        """Standard deviation of `smoothed`, grey values of 255: of the scene, and hardly of the camera's noise."""
+        return float(np.sqrt(np.vdot(self.smoothed, self.smoothed) / self.smoothed.size))
 
 
 def prepare_strip(t_ns: int, image: Image, config: CompassConfig, encoding: str = "") -> Strip:
