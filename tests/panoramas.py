@@ -1,0 +1,85 @@
+"""Panoramas for the tests of the compass: drawn ones, real ones, and both turned by any part of a column.
+
+A turn to the left by psi moves the scene to the right by psi * width / (2 pi) columns. Positive shifts are to the
+right, so positive shifts are positive yaws.
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from compass import CompassStatus, VisualCompass, YawIncrement
+
+PHOTOS = Path(__file__).parent.parent.parent / "shared" / "data" / "panoramas"
+PHOTO_NAMES = ("apartment", "city", "forest", "lobby", "park", "warehouse")
+FRAME_NS = 100_000_000
+START_NS = 1_700_000_000_000_000_000
+
+Image = npt.NDArray[np.generic]
+
+
+def scene(seed: int = 0, width: int = 1024, height: int = 128) -> npt.NDArray[np.float32]:
+    """Grey values 40..215 with detail of every size, as photographs have it: amplitude falls with frequency.
+
+    The circle is closed, and nothing is finer than a third of the finest that the columns can carry, so that a shift
+    by part of a column is exact.
+    """
+    noise = np.random.default_rng(seed).normal(size=(height, width))
+    across = np.fft.rfftfreq(width)[None, :]
+    radius = np.hypot(np.fft.fftfreq(height)[:, None], across)
+    spectrum = np.fft.rfft2(noise) / np.maximum(radius, 4.0 / width) ** 1.2
+    spectrum *= np.exp(-((across / 0.17) ** 8))
+    image = np.fft.irfft2(spectrum, (height, width))
+    image -= image.mean()
+    return (127.5 + np.clip(image / image.std() * 35.0, -87.5, 87.5)).astype(np.float32)
+
+
+def shifted(image: Image, columns: float) -> npt.NDArray[np.float32]:
+    """`image` moved right by a number of columns, whole or not (Fourier's shift theorem, along axis 1)."""
+    width = image.shape[1]
+    wave = np.exp(-2j * np.pi * columns * np.fft.rfftfreq(width))
+    if width % 2 == 0:
+        wave[-1] = math.cos(math.pi * columns)  # the finest wave of an even circle has no phase
+    spectrum = np.fft.rfft(image.astype(np.float64), axis=1)
+    wave = wave.reshape(1, -1, *[1] * (image.ndim - 2))
+    return np.fft.irfft(spectrum * wave, width, axis=1).astype(np.float32)
+
+
+def turned(image: Image, yaw: float) -> npt.NDArray[np.float32]:
+    """`image` after a turn to the left by `yaw` rad."""
+    return shifted(image, yaw * image.shape[1] / math.tau)
+
+
+def as_bytes(image: Image, noise: float = 0.0, seed: int = 0) -> npt.NDArray[np.uint8]:
+    """Round to 8 bits, with a camera's noise of this sigma."""
+    if noise:
+        image = image + np.random.default_rng(seed).normal(0.0, noise, image.shape)
+    return np.clip(np.rint(image), 0, 255).astype(np.uint8)
+
+
+def photo(name: str) -> npt.NDArray[np.float32]:
+    """Grey photograph, contrast compressed so that neither a shift nor noise leaves 0..255."""
+    image = cv2.imread(str(PHOTOS / f"{name}.jpg"), cv2.IMREAD_GRAYSCALE)
+    return image.astype(np.float32) * np.float32(0.7) + np.float32(38.0)
+
+
+def show(compass: VisualCompass, *images: Image, t_ns: int = START_NS, every_ns: int = FRAME_NS) -> YawIncrement | None:
+    """Give the images to the compass at a steady rate; what it says of the last one."""
+    increment = None
+    for index, image in enumerate(images):
+        increment = compass.update(t_ns + index * every_ns, image)
+    return increment
+
+
+def compare(compass: VisualCompass, reference: Image, current: Image) -> YawIncrement:
+    """Increment between two images, which must be given."""
+    compass.reset()
+    increment = show(compass, reference, current)
+    if increment is None or compass.status is not CompassStatus.OK:
+        raise AssertionError(f"no increment: {compass.status}")
+    return increment
