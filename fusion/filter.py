@@ -237,10 +237,10 @@ class YawFilter:
     def _take_vote(self, state: FilterState, increment: YawIncrement) -> None:
         """Count the votes; where the gyro lost, take back what was believed of it and let its bias move."""
         ekf, windows = self._ekf, state.vote.windows
-        state.vote = state.vote.with_increment(increment, float(ekf.x[State.BIAS]), float(ekf.x[State.SCALE]))
+        bias, sigma = float(ekf.x[State.BIAS]), float(ekf.P[State.BIAS, State.BIAS]) ** 0.5
+        state.vote = state.vote.with_increment(increment, bias, sigma, float(ekf.x[State.SCALE]))
         if state.vote.windows > windows and not state.vote.agreed and state.vote.distrusted is Sensor.GYRO:
-            bias = float(ekf.x[State.BIAS]) + state.vote.contradiction
-            ekf.renew(State.BIAS, self.config.initial_bias_sigma**2, bias)
+            ekf.renew(State.BIAS, self.config.initial_bias_sigma**2, bias + state.vote.contradiction)
             ekf.widen(State.RATE, self.config.initial_rate_sigma**2)
             ekf.widen(State.YAW, state.vote.contradiction**2)
 

@@ -75,7 +75,7 @@ class CompassTurn:
             offset, variance = -self.turn, self.turn_variance
         elif i.t_ref_ns != self.reference_ns:
             return CompassTurn.begin(i)
-        turn = float(wrap_angle(i.yaw - offset))
+        turn = self.turn + float(wrap_angle(i.yaw - offset - self.turn))
         return CompassTurn(self.start_ns, i.t_ns, i.t_ref_ns, offset, variance, turn, variance + i.variance)
 
     @property

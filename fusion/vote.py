@@ -8,6 +8,7 @@ listened to until the two agree again. A gyro that repeats one and the same numb
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 from compass import YawIncrement
@@ -25,8 +26,9 @@ AGREEING = 0.4  # of the contradiction; tracks this close to one take its side
 
 @dataclass(frozen=True, slots=True)
 class Integral:
-    """Turn (rad) by a rate integrated from the window's start; whether all its samples were the same number."""
+    """Turn (rad) by a rate integrated since `start_ns`; whether all its samples were the same number."""
 
+    start_ns: int
     t_ns: int
     rate: float
     turn: float = 0.0
@@ -36,7 +38,12 @@ class Integral:
     def add(self, t_ns: int, rate: float) -> Integral:
         """With one more sample."""
         turn = self.turn + 0.5 * (self.rate + rate) * (t_ns - self.t_ns) * 1e-9
-        return Integral(t_ns, rate, turn, self.repeats + 1, self.frozen and rate == self.rate)
+        return Integral(self.start_ns, t_ns, rate, turn, self.repeats + 1, self.frozen and rate == self.rate)
+
+    def spans(self, window: CompassTurn) -> bool:
+        """Whether there were samples from the beginning of a window to its end."""
+        slack_ns = (window.t_ns - window.start_ns) // 5
+        return self.start_ns <= window.start_ns and window.t_ns - self.t_ns <= slack_ns
 
     def turn_until(self, t_ns: int) -> float:
         """Turn up to a time after its last sample, whose rate is held."""
@@ -44,7 +51,7 @@ class Integral:
 
     def anew(self, t_ns: int) -> Integral:
         """From `t_ns` on."""
-        return Integral(t_ns, self.rate)
+        return Integral(t_ns, t_ns, self.rate)
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,6 +74,8 @@ class Vote:
         How many in a row up to the last were without contradiction.
     strikes : int
         How often trust was lost; it takes ``2**strikes`` agreeing windows to win it back.
+    opposed : bool
+        Whether tracks and gyro contradicted the compass in the last window.
     """
 
     gyro: Integral | None = None
@@ -77,46 +86,49 @@ class Vote:
     windows: int = 0
     agreed: int = 0
     strikes: int = 0
+    opposed: bool = False
 
     def with_gyro(self, sample: GyroSample) -> Vote:
         """After a gyro sample."""
         t_ns, rate = sample.t_ns, sample.yaw_rate
-        return replace(self, gyro=self.gyro.add(t_ns, rate) if self.gyro else Integral(t_ns, rate))
+        return replace(self, gyro=self.gyro.add(t_ns, rate) if self.gyro else Integral(t_ns, t_ns, rate))
 
     def with_tracks(self, sample: OdometrySample) -> Vote:
         """After an odometry sample."""
         t_ns, rate = sample.t_ns, sample.yaw_rate
-        return replace(self, tracks=self.tracks.add(t_ns, rate) if self.tracks else Integral(t_ns, rate))
+        return replace(self, tracks=self.tracks.add(t_ns, rate) if self.tracks else Integral(t_ns, t_ns, rate))
 
-    def with_increment(self, increment: YawIncrement, bias: float, scale: float) -> Vote:
+    def with_increment(self, increment: YawIncrement, bias: float, bias_sigma: float, scale: float) -> Vote:
         """After a yaw increment; at the end of a window judge, gyro bias (rad/s) and track scale as known."""
         compass = self.compass.add(increment) if self.compass else CompassTurn.begin(increment)
         length_ns = compass.t_ns - compass.start_ns
-        if length_ns < WINDOW_NS:
+        if 0 < length_ns < WINDOW_NS:
             return replace(self, compass=compass)
-        vote = self._judge(compass, bias, scale) if length_ns <= LONGEST_WINDOW_NS else self
+        judged = WINDOW_NS <= length_ns <= LONGEST_WINDOW_NS
+        vote = self._judge(compass, bias, bias_sigma, scale) if judged else self
         gyro, tracks = (integral.anew(compass.t_ns) if integral else None for integral in (self.gyro, self.tracks))
         return replace(vote, gyro=gyro, tracks=tracks, compass=CompassTurn.begin(increment))
 
-    def _judge(self, compass: CompassTurn, bias: float, scale: float) -> Vote:
-        length_ns = compass.t_ns - compass.start_ns
-        seconds = length_ns * 1e-9
-        if self.gyro is None or compass.t_ns - self.gyro.t_ns > 0.2 * length_ns:
+    def _judge(self, compass: CompassTurn, bias: float, bias_sigma: float, scale: float) -> Vote:
+        seconds = (compass.t_ns - compass.start_ns) * 1e-9
+        if self.gyro is None or not self.gyro.spans(compass):
             return replace(self, distrusted=None, contradiction=0.0, windows=self.windows + 1)
         seen, felt = compass.turn / seconds, self.gyro.turn_until(compass.t_ns) / seconds - bias
         off = felt - seen
-        vote = replace(self, contradiction=off, windows=self.windows + 1)
-        if abs(off) <= max(GROSS, CLEAR * compass.resolution):
+        vote = replace(self, contradiction=off, windows=self.windows + 1, opposed=False)
+        if abs(off) <= max(GROSS, CLEAR * compass.resolution, 3.0 * bias_sigma):
             agreed = self.agreed + 1
             return replace(vote, agreed=agreed, distrusted=self.distrusted if agreed < 2**self.strikes else None)
         loser = self.distrusted
-        if self.gyro.frozen and self.gyro.repeats > 10:
-            loser = Sensor.GYRO
-        elif self.tracks is not None and compass.t_ns - self.tracks.t_ns <= 0.2 * length_ns:
+        frozen = self.gyro.frozen and self.gyro.repeats > 10
+        claimed = math.inf
+        if self.tracks is not None and self.tracks.spans(compass):
             claimed = self.tracks.turn_until(compass.t_ns) / seconds / scale
-            if abs(claimed - seen) < AGREEING * abs(off):
-                loser = Sensor.GYRO
-            elif abs(claimed - felt) < AGREEING * abs(off):
-                loser = Sensor.COMPASS
+        if abs(claimed - felt) < AGREEING * abs(off):
+            # one wrong match is for the gate; a misled compass stays wrong
+            loser = Sensor.COMPASS if self.opposed else self.distrusted
+            vote = replace(vote, opposed=True)
+        elif abs(claimed - seen) < AGREEING * abs(off) or frozen:
+            loser = Sensor.GYRO
         lost = loser is not None and self.distrusted is None
         return replace(vote, agreed=0, distrusted=loser, strikes=min(self.strikes + lost, MOST_STRIKES))

@@ -90,13 +90,14 @@ def errors(drive, estimates):
 @pytest.mark.parametrize("sensors", [s for s in SUBSETS if "compass" in s or len(s) > 1], ids="+".join)
 def test_smoothed_error_is_below_the_filters(sensors):
     filtered, smoothed, normalised = [], [], []
+    config = FusionConfig(rate_walk=0.5)
     for seed in range(12):
-        drive = drawn_drive(seed, sensors, 8.0)
-        fusion, estimates = YawFusion(), []
+        drive = drawn_drive(seed, sensors, 8.0, config)
+        fusion, estimates = YawFusion(config), []
         for sample in drive.samples:
             fusion.add(sample)
             estimates.append(fusion.estimate())
-        after = smooth(drive.samples)
+        after = smooth(drive.samples, config)
         filtered.append(np.mean(errors(drive, estimates) ** 2))
         smoothed.append(np.mean(errors(drive, after) ** 2))
         middle = after[len(after) // 2]
