@@ -66,6 +66,7 @@ class VisualCompass:
         self._last: Strip | None = None  # the last image that gave an increment, or the keyframe
         self._newest: Strip | None = None  # the last image whatever came of it
         self._still_since_ns = 0
+        self._unmatched_since_ns: int | None = None
 
     def update(self, t_ns: int, image: Image, encoding: str = "") -> YawIncrement | None:
         """Take in one panorama.
@@ -133,6 +134,7 @@ class VisualCompass:
         """Compare with this strip from now on; what turned meanwhile is not known."""
         self._keyframe = self._last = strip if strip.texture >= MIN_TEXTURE else None
         self._keyframe_yaw, self._keyframe_variance = self.yaw, self.yaw_variance
+        self._unmatched_since_ns = None
 
     def _compare(self, keyframe: Strip, strip: Strip) -> Match:
         columns = keyframe.columns
@@ -162,8 +164,10 @@ class VisualCompass:
         return CompassStatus.OK
 
     def _give_up_keyframe(self, strip: Strip) -> None:
-        """After a while without a match the place is taken to be another one."""
-        if self._last is not None and strip.t_ns - self._last.t_ns > GIVE_UP_NS:
+        """After a while of images that match nothing the place is taken to be another one."""
+        if self._unmatched_since_ns is None:
+            self._unmatched_since_ns = strip.t_ns
+        elif strip.t_ns - self._unmatched_since_ns > GIVE_UP_NS:
             self._start_from(strip)
 
     def _accept(self, strip: Strip, match: Match) -> YawIncrement:
@@ -174,6 +178,7 @@ class VisualCompass:
         self.yaw += wrap_angle(self._keyframe_yaw + turn - self.yaw)
         self.yaw_variance = self._keyframe_variance + variance
         self._last = strip
+        self._unmatched_since_ns = None
         if match.spread_px > self.config.keyframe_spread:
             self._move_keyframe()
         return YawIncrement(keyframe.t_ns, strip.t_ns, turn, variance, min(max(match.confidence, 0.0), 1.0))
