@@ -8,6 +8,7 @@ the IMU (mounted with +Y up), the skid-steered wheels and the scene.
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 import cv2
@@ -79,3 +80,7 @@ def husky_readings(start: float, end: float) -> tuple[list, list]:
     first = imu[0][0]
     inside = [[one for one in part if start <= (one[0] - first) * 1e-9 < end] for part in (imu, wheels)]
     return inside[0], inside[1]
+
+
+if __name__ == "__main__":
+    write_photo_bag(Path(sys.argv[2]), PHOTOS / sys.argv[1], 100.0, 200.0)

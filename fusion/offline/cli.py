@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import os
 import signal
 import sys
 from collections.abc import Callable, Iterator, Sequence
@@ -13,6 +14,9 @@ from typing import TypeVar
 import click
 
 from compass.errors import VisualCompassError
+
+# Our matrices are small: more BLAS threads than one only wait for each other. Before numpy is imported, and inherited.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 Command = TypeVar("Command", bound=Callable[..., None])
 

@@ -20,7 +20,8 @@ if TYPE_CHECKING:
 # Okabe & Ito's colours: told apart by colour-blind readers, too.
 COLOURS = {FUSED: "#D55E00", COMPASS: "#0072B2", GYRO: "#009E73", TRACKS: "#CC79A7", SMOOTHED: "#56B4E9"}
 SENSOR_COLOURS = {Sensor.COMPASS: COLOURS[COMPASS], Sensor.GYRO: COLOURS[GYRO], Sensor.TRACKS: COLOURS[TRACKS]}
-MOST_POINTS = 4000  # per curve; more cannot be seen
+WIDTH = 11.0  # inches
+MOST_POINTS = 2000  # per curve; more cannot be seen
 
 Panel = Callable[["Axes", FusedRun, "_Clock"], None]
 
@@ -42,17 +43,23 @@ def plot_run(run: FusedRun, path: Path, title: str) -> None:
 
     panels = _panels(run)
     heights = [2.2 if draw is _yaws else 1.2 for draw in panels]
-    figure = Figure(figsize=(11.0, 1.6 + 1.35 * sum(heights)), layout="constrained")
+    height = 1.35 * sum(heights) + 1.4
+    figure = Figure(figsize=(WIDTH, height))
     FigureCanvasAgg(figure)
-    figure.suptitle(title, fontsize=13, fontweight="bold")
+    figure.suptitle(title, y=1.0 - 0.3 / height, fontsize=13, fontweight="bold")
     clock = _Clock(run.rows[0].t_ns)
     axes = figure.subplots(len(panels), 1, sharex=True, height_ratios=heights, squeeze=False)[:, 0]
+    # Fixed margins in inches: matplotlib's own layout would draw everything twice to find them.
+    figure.subplots_adjust(
+        left=1.0 / WIDTH, right=1.0 - 2.6 / WIDTH, bottom=0.6 / height, top=1.0 - 0.6 / height, hspace=0.12
+    )
     for axis, draw in zip(axes, panels, strict=True):
         draw(axis, run, clock)
         axis.grid(color="0.9", linewidth=0.8)
         axis.set_axisbelow(True)
         axis.spines[["top", "right"]].set_visible(False)
         axis.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False, fontsize=9)
+    figure.align_ylabels(axes)
     axes[-1].set_xlabel("time since start [s]")
     axes[-1].set_xlim(0.0, max(float(clock(run.t_ns)[-1]), 1e-3))
     figure.savefig(path, dpi=110)
@@ -204,7 +211,8 @@ def _normalised(row: Row, sensor: Sensor) -> float:
 
 def _style(name: str) -> dict[str, Any]:
     """Line of a source; the fused one in front."""
-    return {"color": COLOURS[name], "linewidth": 1.8 if name == FUSED else 1.1, "label": name}
+    front = name == FUSED
+    return {"color": COLOURS[name], "linewidth": 1.8 if front else 1.1, "zorder": 3 if front else 2, "label": name}
 
 
 def _band(label: str) -> dict[str, Any]:
