@@ -22,6 +22,7 @@ from ros_harness import (
     yaw_of,
 )
 from sensor_msgs.msg import CompressedImage, Image, Imu
+from std_srvs.srv import Empty
 
 FRAME_NS = 50_000_000
 TURN = math.radians(2.0)  # per frame
@@ -90,4 +91,13 @@ def test_compass_node_compressed_images(robot, tmp_path):
         serve(image, frames, compass, "compass")
         assert len(compass) == start + 5
         assert math.degrees(yaw_of(compass[-1])) == pytest.approx(-10.0, abs=0.2)
+
+        robot.call(Empty, "/compass_node/reset", Empty.Request())
+        times = iter(range(6, 100))
+
+        def still():
+            image(jpeg_message(START_NS + next(times) * FRAME_NS, panorama(1.0, texture)))
+
+        send_until(still, lambda: len(compass) > start + 5, "an increment after the reset")
+        assert math.degrees(yaw_of(compass[-1])) == pytest.approx(0.0, abs=0.2)  # counted from where it was reset
         assert node.end(signal.SIGINT)[0] == 0

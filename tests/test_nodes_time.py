@@ -132,5 +132,12 @@ def test_sim_time_that_jumps_back_starts_anew(robot, tmp_path):
             clock(early)
 
         send_until(there_and_back, lambda: "time jumped by" in node.text(), "the jump noticed")
-        # one sample is enough now: the filter does not wait to see whether it is a straggler
-        send_until(lambda: gyro(imu_message(START_NS, 0.0)), lambda: reached(fused, START_NS), "the yaw after the jump")
+        # A sample or two are enough now (some may be lost): the filter need not see ten to know them for no stragglers.
+        sent = []
+
+        def after():
+            sent.append(imu_message(START_NS, 0.0))
+            gyro(sent[-1])
+
+        send_until(after, lambda: reached(fused, START_NS), "the yaw after the jump")
+        assert len(sent) < 8
