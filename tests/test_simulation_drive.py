@@ -190,6 +190,12 @@ def test_shifted_pictures_are_whole_columns_apart():
     assert columns[-1] == pytest.approx(-256)
 
 
+def test_shifted_pictures_move_as_the_robot_would_turn(tmp_path):
+    drive_ = simulate("shifted", cache=tmp_path, camera=PanoramaCamera(1024, 64))
+    first, last = drive_.frame(0), drive_.frame(len(drive_) - 1)
+    assert np.abs(np.roll(first, -256, axis=1).astype(int) - last).max() <= 1  # rounding
+
+
 def test_unknown_experiment_suggests_the_nearest():
     with pytest.raises(VisualCompassError, match="spin3_indoor"):
         simulate("spin3_indor")
@@ -230,6 +236,11 @@ def test_frames_are_rendered_once_for_the_seeds_of_a_world(tmp_path):
     assert not [call for call in calls if call[0] == 1]
     assert [call for call in calls if call[0] == 7]  # another world
     assert len(list(tmp_path.iterdir())) == 2
+
+
+def test_another_camera_is_another_cache_file(tmp_path):
+    for camera in (SMALL, PanoramaCamera(64, 32)):
+        assert simulate("shifted", cache=tmp_path, camera=camera).frame(0).shape == (camera.height, camera.width)
 
 
 @pytest.mark.parametrize("damage", ["truncated", "scratched", "not an archive"])
@@ -304,14 +315,14 @@ def test_no_effects_leave_the_picture_as_it_is():
 
 
 def test_turning_smears_by_the_shutter_and_shifts_nothing():
-    made = FrameEffects(Effects(0, 0, 0, 0, 0.01, 0, "none"), np.arange(2.0), np.array([0.0, 1.5]), 0)
+    made = FrameEffects(Effects(0, 0, 0, 0, 0.01, 0, "none"), np.arange(2.0), np.array([0.0, 0.8]), 0)
     clean = np.zeros((4, 1024), np.uint8)
     clean[:, 500] = 240
     line = made.apply(1, clean)[0].astype(float)
     columns = np.arange(1024) - 500
     assert line @ columns == 0.0
-    smear = 1.5 * 0.01 * 1024 / (2 * np.pi)
-    # A box of that width has the variance smear^2 / 12; 8 bit rounding of two taps of 60 is within 2 %.
+    smear = 0.8 * 0.01 * 1024 / (2 * np.pi)
+    # A box of that width has the variance smear^2 / 12; 8 bit rounding of two taps of 17 is within 3 %.
     assert (line @ columns**2) / line.sum() == pytest.approx(smear**2 / 12.0, rel=0.03)
 
 
