@@ -12,10 +12,10 @@ from functools import cache
 import cv2
 import numpy as np
 import pytest
-from panoramas import PHOTO_NAMES, PHOTOS, as_bytes, compare, photo, shifted
+from panoramas import FRAME_NS, PHOTO_NAMES, PHOTOS, START_NS, as_bytes, compare, photo, shifted, show
 from scipy.stats import chi2
 
-from compass import CompassConfig, VisualCompass, wrap_angle
+from compass import CompassConfig, CompassStatus, VisualCompass, wrap_angle
 
 pytestmark = pytest.mark.skipif(not PHOTOS.is_dir(), reason=f"no photographs in {PHOTOS}")
 
@@ -203,3 +203,38 @@ def test_variance_of_pure_turns_is_calibrated():
 @pytest.mark.parametrize("name", PHOTO_NAMES)
 def test_variance_of_pure_turns_of_one_place_is_within_a_factor_of_three(name):
     assert 0.3 < score(DEFAULT, name).nees.mean() < 3.0
+
+
+@pytest.mark.parametrize("degrees", [-135, -90, -60, 60, 90, 135, 180])
+@pytest.mark.parametrize("name", PHOTO_NAMES)
+def test_big_turn_between_two_frames_is_found_despite_max_yaw_rate(name, degrees):
+    image, columns = region(name), round(degrees * 1024 / 360)
+    first, second = as_bytes(image, NOISE, 1), np.roll(as_bytes(image, NOISE, 2), columns, axis=1)
+    increment = compare(compass_of(DEFAULT), first, second)
+    assert abs(wrap_angle(increment.yaw - columns * math.tau / 1024)) < 5.0 * 1.5 * bound(name)
+
+
+def test_medians_of_sectors_give_no_increment_between_unrelated_places():
+    compass = compass_of("sectors")
+    for first in PHOTO_NAMES:
+        for second in PHOTO_NAMES:
+            if first != second:
+                compass.reset()
+                assert show(compass, as_bytes(region(first), NOISE, 1), as_bytes(region(second), NOISE, 2)) is None
+                assert compass.status is CompassStatus.LOW_CONFIDENCE
+
+
+@pytest.mark.parametrize("method", ["sectors", DEFAULT])
+def test_carried_to_another_place_the_compass_goes_on_from_there(method):
+    step = 5.0  # columns a frame
+    here = [as_bytes(shifted(region("city"), step * index), NOISE, index) for index in range(5)]
+    there = [as_bytes(shifted(region("forest"), step * index), NOISE, 10 + index) for index in range(25)]
+    compass = compass_of(method)
+    show(compass, *here)
+    before = compass.yaw
+    show(compass, *there, t_ns=START_NS + 5 * FRAME_NS)
+    assert compass.status is CompassStatus.OK
+    # a second passes before the place is taken for another one: what was turned in it is not known, and not made up
+    gained = (compass.yaw - before) * 1024 / math.tau
+    assert 10 * step - 0.01 < gained < 24 * step + 0.01
+    assert gained / step == pytest.approx(round(gained / step), abs=0.01)

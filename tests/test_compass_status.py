@@ -61,10 +61,18 @@ def test_uniform_image_has_no_texture(compass, frames, grey):
     assert compass.counts[CompassStatus.NO_TEXTURE] == 1
 
 
+@pytest.mark.parametrize("width", [256, 512, 1024, 2048])
+@pytest.mark.parametrize("noise", [0.5, 2.0, 4.0, 6.0])
+def test_noise_of_a_camera_in_the_dark_gives_no_increment(compass, noise, width):
+    dark = np.full((width // 2, width), 20.0)
+    show(compass, *[as_bytes(dark, noise, seed) for seed in range(4)])
+    assert compass.counts[CompassStatus.OK] == 0
+    assert compass.yaw == 0.0
+
+
 def test_noise_of_a_camera_in_the_dark_is_no_texture(compass, frames):
     show(compass, frames[0], frames[1])
-    dark = as_bytes(np.full(frames[0].shape, 12.0), 1.5)
-    assert compass.update(stamp(2), dark) is None
+    assert compass.update(stamp(2), as_bytes(np.full(frames[0].shape, 12.0), 1.5)) is None
     assert compass.status is CompassStatus.NO_TEXTURE
 
 
@@ -187,3 +195,13 @@ def test_torn_frame_between_good_ones_leaves_the_yaw(method):
     show(compass, *whole[:3], torn, *whole[4:])
     error = 5 * 0.5 * PER_PX * 2 if method == "rows" else 0.02 * PER_PX
     assert compass.yaw == pytest.approx(0.25, abs=error)
+
+
+@pytest.mark.parametrize("method", ["sectors", "parallax"])
+def test_scene_alike_front_and_back_is_ambiguous_when_half_a_turn_is_within_reach(method):
+    image = np.tile(as_bytes(scene(3, WIDTH // 2, 96)), (1, 2))
+    compass = VisualCompass(CompassConfig(method=method, max_yaw_rate=100.0))
+    assert show(compass, image, np.roll(image, STEP, axis=1)) is None
+    assert compass.status is CompassStatus.AMBIGUOUS
+    bounded = VisualCompass(CompassConfig(method=method, max_yaw_rate=3.0))
+    assert show(bounded, image, np.roll(image, STEP, axis=1)).yaw == pytest.approx(STEP * PER_PX, abs=EXACT)

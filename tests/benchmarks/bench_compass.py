@@ -1,0 +1,156 @@
+"""What an update of the compass costs and how near its error comes to the Cramer-Rao bound, per method.
+
+    python tests/benchmarks/bench_compass.py
+
+Cost: `VisualCompass.update` on a grey panorama of 1024 x 512 in ms, and as a multiple of one `scipy.fft.rfft` of its
+strip. Both are measured in turn, the shortest of several, so that a busy machine disturbs neither. First the camera
+turns, then it drives past near things, where the reference moves and an update at times compares with two.
+
+Error: photographs turned by known parts of a column, with noise of 2 grey values in both images: RMS in deg, and as a
+multiple of the bound. Needs the photographs; without them only the cost is shown.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+import scipy.fft
+from rich.console import Console
+from rich.table import Table
+
+from compass import CompassConfig, VisualCompass, wrap_angle
+from compass.config import METHODS
+from compass.strip import prepare_strip
+
+sys.path.insert(0, str(Path(__file__).parent.parent))
+from panoramas import FRAME_NS, PHOTO_NAMES, PHOTOS, as_bytes, compare, photo, scene, shifted
+
+LIMIT = 12.0  # times the transform of the strip
+REPEATS = 12
+NOISE = 2.0
+TURNS = 40  # of each photograph
+SHAPE = (512, 1024)
+
+
+def duration(action: Callable[[], object]) -> float:
+    """Seconds that the action takes, once."""
+    start = time.perf_counter()
+    action()
+    return time.perf_counter() - start
+
+
+def turning_frames(count: int = 24) -> list[np.ndarray]:
+    """The camera turns by 14.2 columns a frame."""
+    image = scene(0, SHAPE[1], SHAPE[0])
+    return [as_bytes(shifted(image, 14.2 * index), NOISE, index) for index in range(count)]
+
+
+def driving_frames(count: int = 24) -> list[np.ndarray]:
+    """Things to the left and to the right move backward, by up to 1.5 columns a frame."""
+    image = scene(0, SHAPE[1], SHAPE[0])
+    column = np.arange(SHAPE[1], dtype=np.float32)
+    push = 1.5 * np.sin(column / SHAPE[1] * math.tau)
+    row = np.repeat(np.arange(SHAPE[0], dtype=np.float32)[:, None], SHAPE[1], axis=1)
+    frames = []
+    for index in range(count):
+        source = np.tile((column - index * push).astype(np.float32), (SHAPE[0], 1))
+        moved = cv2.remap(image, source, row, cv2.INTER_CUBIC, borderMode=cv2.BORDER_WRAP)
+        frames.append(as_bytes(moved, NOISE, index))
+    return frames
+
+
+def cost(method: str, frames: list[np.ndarray]) -> tuple[float, float, float]:
+    """Update on average, the dearest update, and one transform of its strip, s; each the shortest of `REPEATS`."""
+    compass = VisualCompass(CompassConfig(method=method))
+    pixels = prepare_strip(0, frames[0], compass.config).pixels
+    updates, transforms = np.empty((REPEATS, len(frames))), []
+    for repeat in range(REPEATS):
+        compass.reset()
+        for index, frame in enumerate(frames):
+            updates[repeat, index] = duration(lambda frame=frame, index=index: compass.update(index * FRAME_NS, frame))
+            transforms.append(duration(lambda: scipy.fft.rfft(pixels, axis=1)))
+    each = updates.min(axis=0)[1:]  # the first has nothing to compare with
+    return float(each.mean()), float(each.max()), min(transforms)
+
+
+def show_costs(console: Console) -> None:
+    """Print what each method costs, turning and driving."""
+    table = Table(title="Cost of an update, grey 1024 x 512")
+    table.add_column("method")
+    for heading in ("turning\nms", "\nx rfft", "dearest\nx rfft", "driving\nms", "\nx rfft", "dearest\nx rfft"):
+        table.add_column(heading, justify="right")
+    turning, driving = turning_frames(), driving_frames()
+    for method in METHODS:
+        cells = []
+        for frames in (turning, driving):
+            update, dearest, transform = cost(method, frames)
+            cells += [f"{1e3 * update:.2f}", f"{update / transform:.1f}", f"{dearest / transform:.1f}"]
+        table.add_row(method, *cells)
+    console.print(table)
+    console.print(f"limit: {LIMIT:g} times one scipy.fft.rfft of the strip; the dearest update compares twice")
+
+
+def bound(image: np.ndarray) -> float:
+    """Cramer-Rao bound, rad, of the turn between two images with this noise and rounding to 8 bits."""
+    width = image.shape[1]
+    gradient = np.fft.irfft(np.fft.rfft(image, axis=1) * 2j * np.pi * np.fft.rfftfreq(width), width, axis=1)
+    return math.sqrt(2.0 * (NOISE**2 + 1.0 / 12.0) / float((gradient**2).sum())) * math.tau / width
+
+
+def errors(method: str, name: str) -> tuple[np.ndarray, float, float]:
+    """Errors in rad, mean squared error over variance, and the bound in rad."""
+    config = CompassConfig(method=method)
+    image = photo(name)
+    image = image[round(config.roi_top * image.shape[0]) : round(config.roi_bottom * image.shape[0])]
+    compass = VisualCompass(CompassConfig(method=method, roi_top=0.0, roi_bottom=1.0))
+    rng = np.random.default_rng(PHOTO_NAMES.index(name))
+    found, normalised = [], []
+    for columns in rng.uniform(-20.0, 20.0, TURNS):
+        pair = (as_bytes(one + rng.normal(0.0, NOISE, one.shape)) for one in (image, shifted(image, columns)))
+        increment = compare(compass, *pair)
+        found.append(wrap_angle(increment.yaw - columns * math.tau / image.shape[1]))
+        normalised.append(found[-1] ** 2 / increment.variance)
+    return np.array(found), float(np.mean(normalised)), bound(image)
+
+
+def show_errors(console: Console) -> None:
+    """Print each method's error for each photograph."""
+    table = Table(title=f"Photographs turned by parts of a column, noise {NOISE:g} of 255, {TURNS} turns each")
+    table.add_column("photograph")
+    for method in METHODS:
+        for heading in (f"{method}\nRMS deg", "x bound", "error^2\n/ variance"):
+            table.add_column(heading, justify="right")
+    pooled: dict[str, list[np.ndarray]] = {method: [] for method in METHODS}
+    for name in PHOTO_NAMES:
+        cells = []
+        for method in METHODS:
+            found, normalised, limit = errors(method, name)
+            pooled[method].append(found / limit)
+            rms = float(np.sqrt(np.mean(found**2)))
+            cells += [f"{math.degrees(rms):.5f}", f"{rms / limit:.2f}", f"{normalised:.2f}"]
+        table.add_row(name, *cells)
+    totals = [f"{np.sqrt(np.mean(np.concatenate(pooled[method]) ** 2)):.2f}" for method in METHODS]
+    table.add_row("all", *(cell for total in totals for cell in ("", total, "")))
+    console.print(table)
+    console.print("limits: RMS 0.005 deg, 1.5 times the bound over all photographs, of the default method")
+
+
+def main() -> None:
+    """Print both tables."""
+    cv2.setNumThreads(1)
+    console = Console(width=120)
+    show_costs(console)
+    if PHOTOS.is_dir():
+        show_errors(console)
+    else:
+        console.print(f"no photographs in {PHOTOS}: errors are not shown")
+
+
+if __name__ == "__main__":
+    main()
