@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import json
 import os
 import re
 import sys
@@ -121,3 +122,16 @@ def test_dds_profile_has_a_segment_for_several_large_frames():
     used = {element.text for element in profiles.findall(f".//{space}userTransports/{space}transport_id")}
     assert used == {element.text for element in profiles.findall(f".//{space}transport_descriptor/{space}transport_id")}
     assert profiles.find(f".//{space}participant").get("is_default_profile") == "true"
+
+
+@pytest.mark.parametrize("name", ["foxglove.json", "plotjuggler.xml"])
+def test_plot_layout_shows_topics_that_the_node_has(name):
+    text = (ROOT / "config" / name).read_text(encoding="utf-8")
+    if name.endswith(".json"):
+        panels = json.loads(text)["configById"]
+        shown = [path["value"] for panel in panels.values() for path in panel.get("paths", [])]
+    else:
+        shown = [curve.get("name") for curve in ET.fromstring(text).iter("curve")]
+    topics = {value for name, value in TopicSettings().to_dict().items() if name.endswith("_topic")}
+    assert {topic for topic in topics for value in shown if value.startswith(topic)} == topics
+    assert all(any(value.startswith(topic) for topic in topics) for value in shown)
