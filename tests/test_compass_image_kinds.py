@@ -7,6 +7,7 @@ import pytest
 from panoramas import as_bytes, compare, scene, shifted, show
 
 from compass import CompassConfig, CompassStatus, ImageError, VisualCompass
+from compass.strip import prepare_strip
 
 METHODS = ("rows", "sectors", "parallax")
 WIDTH, STEP = 512, 7.3  # columns
@@ -161,3 +162,9 @@ def test_overexposed_and_dark_parts_leave_the_turn(compass):
     assert (image == 0).mean() > 0.05
     show(compass, image, np.roll(image, -9, axis=1))
     assert compass.yaw == pytest.approx(-9 * math.tau / WIDTH, abs=1e-3 * math.tau / WIDTH)
+
+
+def test_strip_of_16_bits_has_grey_values_of_255(pair):
+    config = CompassConfig()
+    of_8, of_16 = (prepare_strip(0, image, config) for image in (pair[0], SAME_PIXELS["mono16"](pair[0])))
+    np.testing.assert_allclose(of_16.pixels, of_8.pixels, atol=1e-4)  # float32 of 255
