@@ -19,6 +19,7 @@ from ros_harness import (
     send_until,
     stamp_of,
     started,
+    wait_for,
     yaw_of,
 )
 from sensor_msgs.msg import CompressedImage, Image, Imu
@@ -81,7 +82,8 @@ def test_fusion_node_turn_gives_raw_and_fused_yaw(robot, tmp_path):
 
 def test_compass_node_compressed_images(robot, tmp_path):
     texture = scene()
-    with started("nodes.compass_node", tmp_path / "log", image_transport="compressed", compass_image="/camera") as node:
+    parameters = {"image_transport": "compressed", "compass_image": "/camera", "compass_textout": True}
+    with started("nodes.compass_node", tmp_path / "log", **parameters) as node:
         compass = robot.listen(Odometry, "/compass_pose")
         image = robot.connect(CompressedImage, "/camera/compressed")
         robot.wait_publisher("/compass_pose")
@@ -91,6 +93,8 @@ def test_compass_node_compressed_images(robot, tmp_path):
         serve(image, frames, compass, "compass")
         assert len(compass) == start + 5
         assert math.degrees(yaw_of(compass[-1])) == pytest.approx(-10.0, abs=0.2)
+
+        wait_for(lambda: "angle -10.0" in node.text() or "angle -9.9" in node.text(), "the angle printed")
 
         robot.call(Empty, "/compass_node/reset", Empty.Request())
         times = iter(range(6, 100))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -10,7 +11,18 @@ from nav_msgs.msg import Odometry
 from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.msg import ParameterType, ParameterValue
 from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters, SetParameters
-from ros_harness import START_NS, Robot, image_message, imu_message, panorama, scene, send_until, stamp_of, started
+from ros_harness import (
+    START_NS,
+    Robot,
+    image_message,
+    imu_message,
+    panorama,
+    scene,
+    send_until,
+    stamp_of,
+    started,
+    wait_for,
+)
 from sensor_msgs.msg import Image, Imu
 
 from fusion.settings import Settings
@@ -115,7 +127,8 @@ def test_wrong_parameter_is_refused_in_one_line(parameters, says, tmp_path):
 def test_parameter_file_of_the_command_line_is_read(robot, tmp_path):
     file = tmp_path / "parameters.yaml"
     file.write_text(
-        "/**:\n  ros__parameters:\n    fused_output_topic: /yaw\n    compass: {method: rows, min_confidence: 0}\n"
+        "/**:\n  ros__parameters:\n    fused_output_topic: /yaw\n    fused_rate: 10\n"
+        "    compass: {method: rows, min_confidence: 0}\n"
         "    gyro_topic: /imu\n    qos_overrides: {/imu: {subscription: {reliability: reliable}}}\n"
     )
     with started("nodes.fusion_node", tmp_path / "log", ["--params-file", str(file)]):
@@ -124,6 +137,12 @@ def test_parameter_file_of_the_command_line_is_read(robot, tmp_path):
         robot.wait_publisher("/yaw")
         send_until(lambda: gyro(imu_message(START_NS, 0.1)), lambda: fused, "the fused yaw")
         assert stamp_of(fused[0]) == START_NS
+        end_ns = START_NS + 1_000_000_000
+        for t_ns in range(START_NS + 10_000_000, end_ns, 10_000_000):
+            gyro(imu_message(t_ns, 0.1))
+        wait_for(lambda: stamp_of(fused[-1]) > end_ns - 200_000_000, "the last of the thinned outputs")
+        stamps = [stamp_of(message) for message in fused]
+        assert all(after - before >= 100_000_000 for before, after in pairwise(stamps))
         subscription = robot.node.get_subscriptions_info_by_topic("/imu")[0]
         assert subscription.qos_profile.reliability.name == "RELIABLE"
 
