@@ -76,9 +76,9 @@ def test_honesty_of_honest_increments_is_one():
     rng = np.random.default_rng(3)
     variance = rng.uniform(1e-6, 1e-4, 2000)
     error = rng.normal(0.0, np.sqrt(variance))
-    true = TruthTrack(START_NS + SECOND * np.arange(2001), 3.0 * np.arange(2001.0))  # turns by 3 rad a second: wraps
+    true = TruthTrack(START_NS + SECOND * np.arange(2001), 4.0 * np.arange(2001.0))  # by 4 rad a second: wraps
     increments = [
-        YawIncrement(START_NS + i * SECOND, START_NS + (i + 1) * SECOND, math.remainder(3.0 + e, math.tau), v, 1.0)
+        YawIncrement(START_NS + i * SECOND, START_NS + (i + 1) * SECOND, math.remainder(4.0 + e, math.tau), v, 1.0)
         for i, (e, v) in enumerate(zip(error, variance, strict=True))
     ]
     honest = evaluate.increment_honesty(increments, true)
