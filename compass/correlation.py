@@ -77,7 +77,7 @@ def continuous_peak(spectrum: npt.NDArray[np.complex64], columns: int, start_px:
     weighted = spectrum * (2.0 / columns)
     weighted[0] *= 0.5
     if columns % 2 == 0:
-        weighted[-1] *= 0.5
+        weighted[-1] = 0.0  # half a wave a column: its phase is not known, noise would pull the peak to whole columns
     shift = start_px
     for _ in range(steps):
         wave = weighted * np.exp(1j * omega * shift)

@@ -68,16 +68,15 @@ def coarse_shift(reference: Strip, current: Strip, search: Search) -> tuple[Peak
     columns = reference.columns
     values = scipy.fft.irfft(spectrum, columns)
     best = anywhere = int(values.argmax())
-    ambiguous = False
     lags = np.arange(columns)
-    outside = np.abs(signed(lags - search.expected_px, columns)) > search.reach_px + 1.0
-    if outside[best]:
-        best = int(np.where(outside, -np.inf, values).argmax())
-        if values[best] < OUTSIDE * values[anywhere]:
-            best = anywhere
-    elif search.reach_px > columns / APART:
-        rivals = ~outside & (np.abs(signed(lags - best, columns)) > columns / APART)
-        ambiguous = bool(rivals.any()) and float(values[rivals].max()) > RIVAL * float(values[best])
+    possible = np.abs(signed(lags - search.expected_px, columns)) <= search.reach_px + 1.0
+    if not possible[best]:
+        best = int(np.where(possible, values, -np.inf).argmax())
+        shoulder = max(values[best - 1], values[(best + 1) % columns]) > values[best]  # of a peak beyond reach
+        if shoulder or values[best] < OUTSIDE * values[anywhere]:
+            best, possible = anywhere, np.ones(columns, bool)
+    rivals = possible & (np.abs(signed(lags - best, columns)) > columns / APART)
+    ambiguous = bool(rivals.any()) and float(values[rivals].max()) > RIVAL * float(values[best])
     peak = continuous_peak(spectrum, columns, float(best))
     status = CompassStatus.AMBIGUOUS if ambiguous else CompassStatus.OK
     return Peak(float(signed(peak.shift_px, columns)), peak.value, peak.curvature), status

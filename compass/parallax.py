@@ -18,8 +18,10 @@ import numpy.typing as npt
 from compass.correlation import Floats, Peak, signed
 from compass.local import SectorShifts, coarse_shift, local_shifts
 from compass.match import Match, Search
+from compass.sectors import match_sectors
 from compass.strip import Strip
 
+NARROWEST = 256  # columns; sectors of fewer than eight cannot tell parallax apart
 SECTORS = 64
 PER_CIRCLE = 32.0  # Hann windows of 11 deg, half as far apart
 DIRECTIONS = 64  # directions of travel that are tried: all near the best of every eighth
@@ -42,6 +44,8 @@ class Posterior:
 
 def match_parallax(reference: Strip, current: Strip, search: Search) -> Match:
     """Shift of each sector, and the turn that explains them with pushes of the right sign."""
+    if reference.columns < NARROWEST:
+        return match_sectors(reference, current, search)
     coarse, status = coarse_shift(reference, current, search)
     sectors = local_shifts(reference, current, coarse.shift_px, SECTORS, PER_CIRCLE)
     if sectors.shift_px.size < SECTORS // 8:

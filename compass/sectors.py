@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from compass.correlation import signed
 from compass.local import coarse_shift, local_shifts
 from compass.match import Match, Search
 from compass.strip import Strip
@@ -27,4 +28,4 @@ def match_sectors(reference: Strip, current: Strip, search: Search) -> Match:
     # a median has pi / 2 times the variance of a mean; every fourth sector is independent
     independent = max(sectors.shift_px.size * PER_CIRCLE / SECTORS, 1.0)
     variance = 0.5 * np.pi * max(spread**2, float(np.median(sectors.sigma_px**2))) / independent
-    return Match(median, variance, float(np.clip(coarse.value, 0.0, 1.0)), status)
+    return Match(float(signed(median, reference.columns)), variance, float(np.clip(coarse.value, 0.0, 1.0)), status)

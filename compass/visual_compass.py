@@ -157,11 +157,9 @@ class VisualCompass:
         self._keyframe_yaw, self._keyframe_variance = self.yaw, self.yaw_variance
 
     def _judge_match(self, match: Match) -> CompassStatus:
-        if match.status is not CompassStatus.OK:
-            return match.status
         if not match.confidence >= self.config.min_confidence or not math.isfinite(match.variance_px2):
             return CompassStatus.LOW_CONFIDENCE
-        return CompassStatus.OK
+        return match.status
 
     def _give_up_keyframe(self, strip: Strip) -> None:
         """After a while of images that match nothing the place is taken to be another one."""
