@@ -44,7 +44,7 @@ def _topic_options(command: Command) -> Command:
     return command
 
 
-@cli.command()
+@cli.command(short_help="Fuse a bag: yaw as CSV, TUM, MCAP, a summary and a plot.")
 @click.argument("bag", type=_PATH)
 @click.option("--out", type=_PATH, metavar="DIR", help="Folder for the results  [default: ./<bag>_yaw]")
 @click.option("--config", type=_PATH, metavar="YAML", help="Parameters in ROS form; see config/visual_compass.yaml.")
@@ -71,7 +71,7 @@ def fuse(
     click.echo(f"results in {fused.folder}/, plot in {fused.folder / 'yaw.png'}")
 
 
-@cli.command()
+@cli.command(short_help="What is in a bag, and what is wrong with it.")
 @click.argument("bag", type=_PATH)
 @click.option("--roi-preview", type=_PATH, metavar="PNG", help="Draw the region of interest over a frame.")
 @click.option("--config", type=_PATH, metavar="YAML", help="Parameters in ROS form, for the region of interest.")
@@ -85,7 +85,7 @@ def inspect(bag: Path, roi_preview: Path | None, config: Path | None, image: str
     click.echo(inspect_bag(bag, load_settings(config), TopicRequest(image=image), roi_preview))
 
 
-@cli.command()
+@cli.command(short_help="Write a simulated experiment as a bag with ground truth.")
 @click.argument("experiment", required=False)
 @click.option("--out", type=_PATH, metavar="BAG", help="Bag to write: name.mcap, or a name for a rosbag2 folder.")
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of noise, slip and world.")
@@ -103,7 +103,7 @@ def simulate(experiment: str | None, out: Path | None, seed: int, config: Path |
     click.echo(f"{out}: {experiment}, seed {seed}")
 
 
-@cli.command()
+@cli.command(short_help="Score every compass, each sensor and the fused yaw.")
 @click.argument("what", nargs=-1)
 @click.option("--seeds", type=click.IntRange(1), default=1, show_default=True, help="Drives of each experiment.")
 @click.option("--json", "json_file", type=_PATH, metavar="FILE", help="Write every outcome as JSON.")
@@ -143,7 +143,7 @@ def evaluate(
     click.echo(run_evaluation(what, seeds, load_settings(config), request, metric, json_file, workers, smooth))
 
 
-@cli.command()
+@cli.command(short_help="Propose settings from a recording of your own.")
 @click.argument("bag", type=_PATH)
 @click.option(
     "--out",
@@ -174,7 +174,7 @@ def calibrate(
     click.echo(calibrate_bag(bag, load_settings(config), TopicRequest(image, gyro, odometry, truth), out, mask_preview))
 
 
-@cli.command()
+@cli.command(short_help="Simulate a short drive, fuse it, compare with the truth.")
 @click.option(
     "--out", type=_PATH, metavar="DIR", default=Path("demo"), show_default=True, help="Folder for bag and results."
 )
