@@ -148,8 +148,9 @@ class VisualCompass:
         return METHODS[self.config.method](keyframe, strip, search)
 
     def _lost(self, match: Match) -> bool:
-        """Whether the keyframe is too far behind to compare with."""
-        return match.spread_px > self.config.keyframe_spread or self._judge_match(match) is not CompassStatus.OK
+        """Whether the keyframe is too far behind for this match to be used; the next one moves it in any case."""
+        too_far = 2.0 * self.config.keyframe_spread
+        return match.spread_px > too_far or self._judge_match(match) is not CompassStatus.OK
 
     def _move_keyframe(self) -> None:
         """Let the last good image be the keyframe: its increment from the old one has been given."""
