@@ -170,7 +170,8 @@ def _fused_line(summaries: dict[str, dict[str, Summary]], default: str) -> str:
     worst = max(ratios, key=ratios.__getitem__)
     better = sum(ratio < 1.0 for ratio in ratios.values())
     line = (
-        f"RMS of fused over the best single sensor (where that errs by more than {NEGLIGIBLE:g} deg): below 1 in {better} of {len(ratios)} drives,"
+        f"RMS of fused over the best single sensor (where that errs by more than {NEGLIGIBLE:g} deg):"
+        f" below 1 in {better} of {len(ratios)} drives,"
         f" {ratios[worst]:.2f} at worst in {worst}"
     )
     mixed = {drive: ratio for drive, ratio in ratios.items() if drive in EXPERIMENTS and EXPERIMENTS[drive].mixed}
