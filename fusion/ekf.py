@@ -99,7 +99,8 @@ class YawEkf(ExtendedKalmanFilter):
     track_speed: float  # m/s, what the tracks last claimed
     track_stray: float  # rad/s, standard deviation of the passing error they have at that
 
-    def __init__(self, config: FusionConfig) -> None:
+    def __init__(self, config: FusionConfig, *, considered: tuple[State, ...] = ()) -> None:
+        self.considered = considered  # by compass updates
         super().__init__(dim_x=DIM, dim_z=1)  # type: ignore[no-untyped-call]
         self.config = config
         self.x = np.zeros(DIM)
@@ -257,14 +258,15 @@ class YawEkf(ExtendedKalmanFilter):
     def compass(self, yaw: float, variance: float, clone: int) -> Measurement:
         """What an increment (rad, variance rad^2) since state `clone` says: a difference of yaws, modulo a turn.
 
-        Part of its error lasts from image to image (the reference's own error, parallax): the share
-        ``compass_error_share`` of the variance is that of a Gauss-Markov state, the rest is white.
+        Part of its error lasts from image to image and beyond the reference (parallax keeps its sign while the robot
+        passes the same things): the share ``compass_error_share`` of the variance is that of a Gauss-Markov state.
         """
         share = self.config.compass_error_share
         H = np.zeros((1, DIM))
         H[0, State.YAW], H[0, clone] = 1.0, -1.0
         H[0, State.COMPASS_ERROR] = math.sqrt(share * variance)
-        return Measurement(float(wrap_angle(yaw - float((H @ self.x)[0]))), H, (1.0 - share) * variance)
+        innovation = float(wrap_angle(yaw - float((H @ self.x)[0])))
+        return Measurement(innovation, H, (1.0 - share) * variance, consider=self.considered)
 
     def innovation_variance(self, measurement: Measurement) -> float:
         """Variance S that the innovation should have."""

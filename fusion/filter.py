@@ -88,8 +88,6 @@ class FilterState:
         Gate and last report of each sensor.
     references_lost : int
         Increments whose reference the filter had never seen or forgotten.
-    reference_ns : int or None
-        Reference of the last increment.
     stillness : Stillness
         Signs of standing still.
     vote : Vote
@@ -105,17 +103,25 @@ class FilterState:
     track_stray: float = 0.0
     gates: dict[Sensor, Gate] = field(default_factory=lambda: {sensor: Gate() for sensor in Sensor})
     references_lost: int = 0
-    reference_ns: int | None = None
     stillness: Stillness = field(default_factory=lambda: Stillness(0))
     vote: Vote = field(default_factory=Vote)
 
 
 class YawFilter:
-    """Steps the EKF through events."""
+    """Steps the EKF through events.
 
-    def __init__(self, config: FusionConfig) -> None:
+    Parameters
+    ----------
+    config : FusionConfig
+        Of all models.
+    cautious : bool
+        Whether the compass's lasting error is only considered (Schmidt-Kalman). Estimated as it passes, it takes up
+        motion; known from both sides, as a smoother knows it, it does not.
+    """
+
+    def __init__(self, config: FusionConfig, *, cautious: bool = True) -> None:
         self.config = config
-        self._ekf = YawEkf(config)
+        self._ekf = YawEkf(config, considered=(State.COMPASS_ERROR,) if cautious else ())
         self._limit = gate_limit(config)
         seconds = dict.fromkeys(Sensor, config.recovery_time) | {Sensor.TRACKS: config.slip_recovery_time}
         self._recovery_ns = {sensor: round(time * 1e9) for sensor, time in seconds.items()}
@@ -214,9 +220,6 @@ class YawFilter:
         increment, ekf = event.sample, self._ekf
         self._take_vote(state, increment)
         slot = next((i for i, c in enumerate(state.clones) if c and c.t_ns == increment.t_ref_ns), None)
-        if increment.t_ref_ns != state.reference_ns:
-            ekf.renew(State.COMPASS_ERROR, 1.0)
-            state.reference_ns = increment.t_ref_ns
         if slot is None:
             # the reference was never seen: place it where this increment says, so that those to come can use it
             state.references_lost += 1

@@ -102,5 +102,5 @@ def _compass(rng, at, t_ns, yaw, hold, config):
         turn = float(wrap_angle(yaw[i] - yaw[reference] + math.sqrt(variance) * error))
         out.append(YawIncrement(int(t_ns[reference]), int(t_ns[i]), turn, variance, 0.9))
         if (t_ns[i] - t_ns[reference]) * 1e-9 >= hold - 1e-9:
-            reference, lasting = i, _gauss_markov(rng, yaw.size, config.compass_error_time)
+            reference = i
     return out
