@@ -149,6 +149,7 @@ def test_robot_touches_nothing(name):
     motion = experiment.trajectory.at(np.arange(0.0, experiment.trajectory.duration, 0.2))
     world = experiment.world()
     assert world.clearance(motion.x, motion.y) > 0.35  # half the robot's width and a hand's breadth
+    assert world.clearance(motion.x, motion.y, headroom=np.inf) > 0.15  # nor is the camera below anything
     for t, x, y in zip(motion.t, motion.x, motion.y, strict=True):
         for solid in world.crowd(t):
             middle = (solid.low[0] + solid.high[0]) / 2.0, (solid.low[1] + solid.high[1]) / 2.0

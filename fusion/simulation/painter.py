@@ -46,7 +46,7 @@ class _Canvas:
         last = int(np.searchsorted(self.falling, -low, side="left"))
         return slice(max(first, 0), min(max(last, 0), self.tangent.size))
 
-    def cover(self, columns: slice, rows: slice, low: Floats, high: Floats, alpha: Floats) -> Array:
+    def cover(self, rows: slice, low: Floats, high: Floats, alpha: Floats) -> Array:
         """Covered share of each pixel of a block by what lies between the tangents `low`..`high` in each column."""
         share = np.minimum(self.upper[rows], high.astype(np.float32)[:, None])
         share -= np.maximum(self.lower[rows], low.astype(np.float32)[:, None])
@@ -146,12 +146,10 @@ def _paint_solid(canvas: _Canvas, sight: _Sight) -> None:
     for columns, part in _chunks(sight.first, sight.alpha.size, canvas.columns):
         near, far, alpha = sight.hits.near[part], sight.hits.far[part], sight.alpha[part]
         above, below = solid.high[2] - pose.z, solid.low[2] - pose.z
-        if solid.cap is not None and (above < 0 or below > 0):
-            height = above if above < 0 else below
-            close, distant = height / near, height / far
-            _paint_cap(
-                canvas, columns, np.minimum(close, distant), np.maximum(close, distant), alpha, solid.cap, height
-            )
+        if solid.cap is not None and above < 0:
+            _paint_cap(canvas, columns, near, far, alpha, solid.cap, above)
+        elif solid.cap is not None and below > 0:
+            _paint_cap(canvas, columns, near, far, alpha, solid.cap, below)
         low, high = below / near, above / near
         rows = canvas.rows_between(float(low.min()), float(high.max()))
         if rows.stop <= rows.start:
@@ -159,20 +157,21 @@ def _paint_solid(canvas: _Canvas, sight: _Sight) -> None:
         pixel = near * canvas.step
         level = solid.skin.level(pixel / np.maximum(sight.hits.facing[part], 1e-3), pixel)
         grey = solid.skin.sample(sight.hits.u[part], np.full(near.shape, above), -near, canvas.tangent[rows], level)
-        canvas.blend(columns, rows, grey, canvas.cover(columns, rows, low, high, alpha))
+        canvas.blend(columns, rows, grey, canvas.cover(rows, low, high, alpha))
 
 
 def _paint_cap(
-    canvas: _Canvas, columns: slice, low: Floats, high: Floats, alpha: Floats, cap: Ground, height: float
+    canvas: _Canvas, columns: slice, near: Floats, far: Floats, alpha: Floats, cap: Ground, height: float
 ) -> None:
-    """Paint the top of something lower than the camera, or the bottom of something higher."""
+    """Paint the top of something lower than the camera, or the bottom of something higher: `height` m above it."""
+    close, distant = height / near, height / far
+    # One row more on the near side, under the edge of the side that is painted next.
+    close += np.copysign(canvas.step * (1.0 + close**2), height)
+    low, high = np.minimum(close, distant), np.maximum(close, distant)
     rows = canvas.rows_between(float(low.min()), float(high.max()))
     if rows.stop > rows.start:
         grey = canvas.level_surface(columns, rows, cap, height + canvas.pose.z)
-        # One row more on the near side, under the edge of the side that is painted next.
-        spare = 1.0 / canvas.per_row[rows].min()
-        low, high = (low - spare, high) if height < 0 else (low, high + spare)
-        canvas.blend(columns, rows, grey, canvas.cover(columns, rows, low, high, alpha))
+        canvas.blend(columns, rows, grey, canvas.cover(rows, low, high, alpha))
 
 
 def _paint_background(world: World, canvas: _Canvas, sights: list[_Sight]) -> None:

@@ -60,6 +60,8 @@ class Ground:
         """Height, m, and its slopes along x and y at points (x, y), m."""
         rng = np.random.default_rng(self.seed)
         total, along_x, along_y = np.zeros_like(x), np.zeros_like(x), np.zeros_like(x)
+        if self.height == 0.0:
+            return total, along_x, along_y
         for length in (1.1, 1.7, 2.6, 4.0, 6.0):
             direction, phase = rng.uniform(0, 2 * np.pi, 2)
             kx, ky = 2 * np.pi / length * np.cos(direction), 2 * np.pi / length * np.sin(direction)
