@@ -43,6 +43,13 @@ def scene(width: int, height: int, seed: int = 0) -> np.ndarray:
     return cv2.GaussianBlur(np.tile(image, 3), (0, 0), 2.0)[:, width : 2 * width]
 
 
+def turned(panorama: np.ndarray, yaw: float) -> np.ndarray:
+    """What the camera sees at a yaw, rad, to a fraction of a pixel: the scene moves right as the robot turns left."""
+    spectrum = np.fft.rfft(panorama, axis=1)
+    spectrum *= np.exp(-1j * yaw * np.arange(spectrum.shape[1]))
+    return np.clip(np.fft.irfft(spectrum, panorama.shape[1], axis=1), 0, 255).astype(np.uint8)
+
+
 def yaw_at(frame: float) -> float:
     """Yaw at a frame's number, rad."""
     return REACH * (1.0 - math.cos(math.pi * frame / SWING))
@@ -61,8 +68,7 @@ def image_messages(transport: str) -> list:
     panorama = scene(width, height)
     messages = []
     for step in range(SWING + 1):
-        turned = np.roll(panorama, round(yaw_at(step) * width / math.tau), axis=1).astype(np.uint8)
-        colour = cv2.cvtColor(turned, cv2.COLOR_GRAY2BGR)
+        colour = cv2.cvtColor(turned(panorama, yaw_at(step)), cv2.COLOR_GRAY2BGR)
         if transport == "raw":
             message = Image(height=height, width=width, encoding="bgr8", step=3 * width)
             message.data = array.array("B", colour.tobytes())
@@ -73,8 +79,8 @@ def image_messages(transport: str) -> list:
     return messages
 
 
-def sense(seconds: float, transport: str) -> dict[str, int]:
-    """Publish all three sensors on an absolute schedule; returns how many of each were sent."""
+def sense(seconds: float, transport: str) -> dict:
+    """Publish all three sensors on an absolute schedule; returns how many of each were sent, and how late."""
     import rclpy
     from nav_msgs.msg import Odometry
     from rclpy.qos import qos_profile_sensor_data
@@ -95,7 +101,8 @@ def sense(seconds: float, transport: str) -> dict[str, int]:
     sent = dict.fromkeys(publishers, 0)
     image_hz = IMAGE_HZ[transport]
     period = {"gyro": 1.0 / GYRO_HZ, "tracks": 1.0 / ODOMETRY_HZ, "images": 1.0 / image_hz}
-    start = time.monotonic()
+    late_ms = []
+    start, start_ns = time.monotonic(), time.time_ns()
     while (now := time.monotonic() - start) < seconds:
         name = min(period, key=lambda n: sent[n] * period[n])
         due = sent[name] * period[name]
@@ -113,12 +120,16 @@ def sense(seconds: float, transport: str) -> dict[str, int]:
         else:
             message = Odometry()
             message.twist.twist.angular.z = rate
-        message.header.stamp = node.get_clock().now().to_msg()
+            half = 0.5 * yaw_at(due * image_hz)
+            message.pose.pose.orientation.z, message.pose.pose.orientation.w = math.sin(half), math.cos(half)
+        # Stamped when it was due, so that yaw, rate and time agree however late this process is.
+        message.header.stamp.sec, message.header.stamp.nanosec = divmod(start_ns + round(due * 1e9), 1_000_000_000)
         publishers[name].publish(message)
         sent[name] += 1
+        late_ms.append((time.monotonic() - start - due) * 1e3)
     time.sleep(3.0)  # for the last diagnostics
     rclpy.try_shutdown()
-    return sent
+    return {"sent": sent, "late_p99_ms": float(np.percentile(late_ms, 99))}
 
 
 def listen() -> dict:
@@ -178,23 +189,24 @@ def soak(seconds: float, transport: str, profile: str) -> dict[str, float]:
         if node.poll() is None:
             samples.append((time.monotonic(), *usage(node.pid)))
         time.sleep(0.5)
-    sent = json.loads(sensors.communicate()[0])
+    sensed = json.loads(sensors.communicate()[0])
     for process in (node, listener):
         process.send_signal(signal.SIGINT)
     heard = json.loads(listener.communicate(timeout=30)[0])
     node.wait(timeout=10)
-    return figures(sent, heard, samples[len(samples) // 5 :])
+    return figures(sensed, heard, samples[len(samples) // 5 :])
 
 
-def figures(sent: dict[str, int], heard: dict, samples: list[tuple[float, float, float]]) -> dict[str, float]:
+def figures(sensed: dict, heard: dict, samples: list[tuple[float, float, float]]) -> dict[str, float]:
     """Sum up: the first fifth of the run (start, discovery) is left out of CPU and memory."""
     (t0, cpu0, memory0), (t1, cpu1, memory1) = samples[0], samples[-1]
     result = {}
-    for stream, count in sent.items():
+    for stream, count in sensed["sent"].items():
         told = heard["told"][stream]
         result[f"{stream}_sent"] = float(count)
         result[f"{stream}_lost"] = float(count - int(told["used"]))
     result |= {
+        "sensors_late_p99_ms": sensed["late_p99_ms"],  # of the delays below, this was our own sender's
         "images_dropped_by_node": float(heard["told"]["images"]["dropped"]),
         "cpu_percent": 100.0 * (cpu1 - cpu0) / (t1 - t0),
         "memory_mib": memory1,
