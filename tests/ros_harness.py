@@ -206,6 +206,7 @@ def odometry_message(t_ns: int, yaw_rate: float, speed: float = 0.0) -> Odometry
     message = Odometry()
     message.twist.twist.angular.z = yaw_rate
     message.twist.twist.linear.x = speed
+    message.pose.pose.orientation.w = 0.0  # no rotation at all: the pose is not known
     return stamp(message, t_ns)
 
 
