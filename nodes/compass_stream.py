@@ -7,6 +7,7 @@ import threading
 import time
 from collections.abc import Callable
 
+import numpy as np
 from nav_msgs.msg import Odometry
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.node import Node
@@ -65,6 +66,7 @@ class CompassStream:
         self._rate = CompassRate()
         self._backward_in_a_row = 0
         self._confidence = math.nan
+        warm_up(settings)
         self.settings = settings
         self.health = StreamHealth()
         compressed = topics.image_transport == "compressed"
@@ -147,3 +149,11 @@ class CompassStream:
         )
         if self.settings.topics.compass_textout:
             self._node.get_logger().info(f"angle {math.degrees(compass.yaw):.2f} deg")
+
+
+def warm_up(settings: Settings) -> None:
+    """Let the libraries load and plan what they do on first use; else the first images would wait for that."""
+    compass = VisualCompass(settings.compass)
+    view = np.random.default_rng(0).integers(0, 256, (512, 1024), np.uint8)
+    for t_ns, shift in enumerate((0, 3), 1):
+        compass.update(t_ns * 30_000_000, np.roll(view, shift, axis=1))

@@ -6,6 +6,8 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from typing import Any
 
+from rclpy.callback_groups import CallbackGroup
+from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
@@ -20,11 +22,15 @@ Sample = GyroSample | OdometrySample | YawIncrement
 SENSOR_QOS = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
-class Inbox:
-    """One turn of the executor empties every queue; its samples are then used in the order of their stamps.
+TURN_S = 0.01  # between two looks into the queues
 
-    rclpy hands out one message per subscription and turn. A node that fell behind would stay behind, and worse: images
-    are ahead of the queued gyro then, and each late sample makes the filter replay what came after it.
+
+class Inbox:
+    """Looks into all queues every `TURN_S`; what was in them is used in the order of the stamps.
+
+    rclpy's executor spends a millisecond on each message that it delivers, and delivers one per subscription and turn.
+    A 200 Hz gyro would cost it half a core, which the images lack; and a node that fell behind would stay behind, and
+    worse: images are ahead of the queued gyro then, and each late sample makes the filter replay what came after it.
 
     Parameters
     ----------
@@ -40,17 +46,20 @@ class Inbox:
         self._increments: deque[YawIncrement] = deque()
         self._queues: list[tuple[Subscription, Callable[[Any], None]]] = []
         self._samples: list[Sample] = []
-        self._wake = node.create_guard_condition(self._turn)
+        self._by_hand = ByHand()
+        # A steady clock: with use_sim_time and a paused bag, the queues are emptied all the same.
+        node.create_timer(TURN_S, self._turn, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def listen(self, kind: type, topic: str, convert: Callable[[Any], None]) -> None:
         """Subscribe; `convert` is to `append` the sample of a message, and must not raise."""
-
-        def receive(message: Any) -> None:
-            convert(message)
-            self._turn()
-
-        options = QoSOverridingOptions.with_default_policies()
-        subscription = self._node.create_subscription(kind, topic, receive, SENSOR_QOS, qos_overriding_options=options)
+        subscription = self._node.create_subscription(
+            kind,
+            topic,
+            convert,
+            SENSOR_QOS,
+            callback_group=self._by_hand,
+            qos_overriding_options=QoSOverridingOptions.with_default_policies(),
+        )
         self._queues.append((subscription, convert))
 
     def append(self, sample: Sample) -> None:
@@ -58,9 +67,8 @@ class Inbox:
         self._samples.append(sample)
 
     def send(self, increment: YawIncrement) -> None:
-        """Hand in an increment from any other thread."""
+        """Hand in an increment, from any thread."""
         self._increments.append(increment)
-        self._wake.trigger()
 
     def clear(self) -> None:
         """Forget what waits."""
@@ -74,7 +82,23 @@ class Inbox:
         while self._increments:
             self._samples.append(self._increments.popleft())
         samples, self._samples = self._samples, []
-        self._use(sorted(samples, key=lambda sample: sample.t_ns))
+        if samples:
+            self._use(sorted(samples, key=lambda sample: sample.t_ns))
+
+
+class ByHand(CallbackGroup):
+    """Keeps subscriptions out of the executor's wait set: their queues are emptied by hand."""
+
+    def can_execute(self, entity: Any) -> bool:
+        """Tell the executor to pass over them."""
+        return False
+
+    def beginning_execution(self, entity: Any) -> bool:
+        """Tell the executor that none of them may run."""
+        return False
+
+    def ending_execution(self, entity: Any) -> None:
+        """Nothing ever began."""
 
 
 def queued(subscription: Subscription) -> Iterator[Any]:

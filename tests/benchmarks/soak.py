@@ -186,8 +186,11 @@ def soak(seconds: float, transport: str, profile: str) -> dict[str, float]:
     sensors = start(me, "--role", "sense", "--seconds", str(seconds), "--transport", transport)
     samples: list[tuple[float, float, float]] = []
     while sensors.poll() is None:
-        if node.poll() is None:
-            samples.append((time.monotonic(), *usage(node.pid)))
+        if node.poll() is not None:
+            sensors.kill()
+            listener.kill()
+            sys.exit(f"the node ended with exit code {node.returncode}")
+        samples.append((time.monotonic(), *usage(node.pid)))
         time.sleep(0.5)
     sensed = json.loads(sensors.communicate()[0])
     for process in (node, listener):
