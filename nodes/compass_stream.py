@@ -6,6 +6,7 @@ import math
 import threading
 import time
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from nav_msgs.msg import Odometry
@@ -22,7 +23,7 @@ from fusion.settings import Settings
 from nodes.complaints import Complaints, surviving
 from nodes.conversions import yaw_odometry
 from nodes.diagnostics import Finding, compass_figures, stream_finding
-from nodes.health import StreamHealth
+from nodes.health import SequenceGaps, StreamHealth
 from nodes.images import NewestWorker
 
 IMAGE_QOS = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -69,6 +70,7 @@ class CompassStream:
         warm_up(settings)
         self.settings = settings
         self.health = StreamHealth()
+        self._gaps = SequenceGaps()
         compressed = topics.image_transport == "compressed"
         self.topic = topics.compass_image + ("/compressed" if compressed else "")
         work = surviving(node, self.topic, complain, self._work)
@@ -100,7 +102,8 @@ class CompassStream:
     def finding(self) -> Finding:
         """What the diagnostics say of images and compass."""
         level, text, figures = stream_finding(self._node, self.health, self.settings.topics.sensor_timeout)
-        figures |= {"dropped": str(self._worker.dropped)} | compass_figures(self._compass, self._confidence)
+        figures |= {"dropped": str(self._worker.dropped), "lost on the way": str(self._gaps.lost)}
+        figures |= compass_figures(self._compass, self._confidence)
         return level, text, figures | self._complain.figures(self.topic)
 
     def _reset(self) -> None:
@@ -108,7 +111,8 @@ class CompassStream:
         self._rate = CompassRate()
         self._backward_in_a_row = 0
 
-    def _receive(self, message: ImageMessage) -> None:
+    def _receive(self, message: ImageMessage, info: dict[str, Any]) -> None:
+        self._gaps.see(info.get("publication_sequence_number"))
         self.health.receive(time.monotonic())
         self._worker.offer(message)
 

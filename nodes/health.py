@@ -76,3 +76,25 @@ class StreamHealth:
         if came - served > _UNUSABLE_SHARE * came + 1.0:  # one may be under way
             return Level.WARN, f"{came - served} of {came} messages not used"
         return Level.OK, "OK"
+
+
+class SequenceGaps:
+    """Counts what a publisher sent and nobody received, from the gaps in its sequence numbers.
+
+    Attributes
+    ----------
+    lost : int
+        Messages that never arrived.
+    """
+
+    _LONGEST = 1000  # a longer gap is another publisher
+
+    def __init__(self) -> None:
+        self.lost = 0
+        self._last: int | None = None
+
+    def see(self, number: int | None) -> None:
+        """Note the sequence number of a message that arrived; None where the middleware gives none."""
+        if number is not None and self._last is not None and 0 < number - self._last <= self._LONGEST:
+            self.lost += number - self._last - 1
+        self._last = number

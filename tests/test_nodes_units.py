@@ -16,7 +16,7 @@ from fusion import YawEstimate
 from fusion.messages import MessageError, stamp_to_ns, yaw_of
 from nodes.complaints import REPEAT_S, Complaints
 from nodes.conversions import fused_odometry, ns_to_stamp, pose_yaw, yaw_odometry
-from nodes.health import Level, StreamHealth
+from nodes.health import Level, SequenceGaps, StreamHealth
 from nodes.images import NewestWorker
 from nodes.parameters import describe, settings_specs
 from nodes.transforms import transform_of
@@ -147,6 +147,13 @@ def test_health_reports_the_rate():
     health.judge(0.0, 2.0)
     feed(health, 0.0, 2.0, rate=30.0)
     assert health.judge(2.0, 2.0)[2]["rate [Hz]"] == "30.0"
+
+
+def test_gaps_in_the_sequence_are_counted_but_not_a_new_publisher():
+    gaps = SequenceGaps()
+    for number in (5, 6, 9, 10, 1, 2, 4, None, 7, 1_000_000):
+        gaps.see(number)
+    assert gaps.lost == 2 + 1  # 7 and 8; 3
 
 
 def test_worker_serves_the_newest_and_counts_the_overtaken():

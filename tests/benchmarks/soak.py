@@ -211,6 +211,7 @@ def figures(sensed: dict, heard: dict, samples: list[tuple[float, float, float]]
     result |= {
         "sensors_late_p99_ms": sensed["late_p99_ms"],  # of the delays below, this was our own sender's
         "images_dropped_by_node": float(heard["told"]["images"]["dropped"]),
+        "images_lost_on_the_way": float(heard["told"]["images"]["lost on the way"]),
         "cpu_percent": 100.0 * (cpu1 - cpu0) / (t1 - t0),
         "memory_mib": memory1,
         "memory_growth_mib": memory1 - memory0,
