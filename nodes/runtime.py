@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import signal
 from collections.abc import Callable, Sequence
 
@@ -34,6 +35,8 @@ def run(make_node: Callable[[], Node], args: Sequence[str] | None = None) -> int
         return 1
     try:
         node = make_node()
+        gc.collect()
+        gc.freeze()  # a full collection over all the modules' objects would hold every thread for two frames' time
         executor = SingleThreadedExecutor()
         executor.add_node(node)
         while rclpy.ok():
