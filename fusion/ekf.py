@@ -20,6 +20,8 @@ from fusion.config import FusionConfig
 Array = npt.NDArray[np.float64]
 CLONES = 3
 CREEP_RATE = 5e-4  # rad/s
+STILL_TURN = 1e-5  # rad
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(6)
 
 
 class State(IntEnum):
@@ -29,17 +31,20 @@ class State(IntEnum):
     RATE = 1  # turn rate, rad/s
     BIAS = 2  # what the gyro adds to the rate, rad/s
     SCALE = 3  # turn rate claimed by the tracks over the true one
-    GYRO_SCALE = 4  # excess of the gyro's scale factor over one
-    VEER = 5  # turn that the tracks claim per metre driven straight, rad/m
-    SLIP = 6  # passing error of the tracks' turn rate, in units of its standard deviation
-    TRACK_ERROR = 7  # turn that slip and veer have added to the claim since the last reference of the tracks, rad
-    TRACK_REF = 8  # yaw at that reference, rad
-    COMPASS_ERROR = 9  # lasting error of the compass, in units of its standard deviation
-    CLONE = 10  # first of CLONES yaws at compass references, rad
+    ACCELERATION = 4  # of the turning, rad/s^2
+    GYRO_SCALE = 5  # excess of the gyro's scale factor over one
+    VEER = 6  # turn that the tracks claim per metre driven straight, rad/m
+    SLIP = 7  # passing error of the tracks' turn rate, in units of its standard deviation
+    TRACK_ERROR = 8  # turn that slip and veer have added to the claim since the last reference of the tracks, rad
+    TRACK_REF = 9  # yaw at that reference, rad
+    STILL_REF = 10  # yaw when the last sign of motion had died away, rad
+    COMPASS_ERROR = 11  # lasting error of the compass, in units of its standard deviation
+    CLONE = 12  # first of CLONES yaws at compass references, rad
 
 
 DIM = State.CLONE + CLONES
-YAWS = np.array([s in (State.YAW, State.TRACK_REF) or s >= State.CLONE for s in range(DIM)])
+TURNING = [State.YAW, State.RATE, State.ACCELERATION]
+YAWS = np.array([s in (State.YAW, State.TRACK_REF, State.STILL_REF) or s >= State.CLONE for s in range(DIM)])
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,6 +113,7 @@ class YawEkf(ExtendedKalmanFilter):
         self.x[State.SCALE] = config.initial_scale
         sigma = np.zeros(DIM)
         sigma[State.RATE] = config.initial_rate_sigma
+        sigma[State.ACCELERATION] = config.rate_walk / math.sqrt(2.0 * config.rate_ramp)
         sigma[State.BIAS] = config.initial_bias_sigma
         sigma[State.SCALE] = config.initial_scale_sigma
         sigma[State.GYRO_SCALE] = config.gyro_scale_sigma
@@ -128,19 +134,21 @@ class YawEkf(ExtendedKalmanFilter):
     def transition(self, dt: float, *, still: bool = False) -> tuple[Array, Array]:
         """Transition F and process noise Q over `dt` seconds.
 
-        The turn rate walks randomly, the yaw is its integral; once the rate's variance would exceed that of a robot
-        nobody measures, it relaxes to zero instead (Ornstein-Uhlenbeck). Bias and scale walk, slip and compass error
-        are Gauss-Markov.
+        The acceleration is Gauss-Markov, rate and yaw are its integrals; once the rate's variance would exceed that of
+        a robot nobody measures, it relaxes to zero instead (Ornstein-Uhlenbeck). Bias and scale walk, slip and compass
+        error are Gauss-Markov.
         """
         config = self.config
         F, Q = np.eye(DIM), np.zeros((DIM, DIM))
-        q, prior = config.rate_walk**2, config.initial_rate_sigma**2
+        q, prior, ramp = config.rate_walk**2, config.initial_rate_sigma**2, config.rate_ramp
         F[State.YAW, State.RATE] = dt
-        if not still and self.P[State.RATE, State.RATE] + q * dt > prior:
-            _integrate_gauss_markov(F, Q, State.RATE, State.YAW, 2.0 * prior / q, prior**0.5, 1.0, dt)
-        elif not still:
-            Q[State.YAW, State.YAW], Q[State.RATE, State.RATE] = q * dt**3 / 3.0, q * dt
-            Q[State.YAW, State.RATE] = Q[State.RATE, State.YAW] = q * dt**2 / 2.0
+        if still or self.P[State.RATE, State.RATE] + q * dt > prior:
+            F[State.ACCELERATION, State.ACCELERATION] = math.exp(-dt / ramp)
+            Q[State.ACCELERATION, State.ACCELERATION] = -math.expm1(-2.0 * dt / ramp) * q / (2.0 * ramp)
+            if not still:
+                _integrate_gauss_markov(F, Q, State.RATE, State.YAW, 2.0 * prior / q, prior**0.5, 1.0, dt)
+        else:
+            F[np.ix_(TURNING, TURNING)], Q[np.ix_(TURNING, TURNING)] = _turning(q, ramp, dt)
         Q[State.BIAS, State.BIAS] = config.bias_walk**2 * dt
         Q[State.SCALE, State.SCALE] = config.scale_walk**2 * dt
         F[State.TRACK_ERROR, State.VEER] = self.track_speed * dt
@@ -242,13 +250,16 @@ class YawEkf(ExtendedKalmanFilter):
         H_after[State.SCALE] += float(M @ PH) / (float(H @ PH) + R) * innovation
         return Measurement(innovation, H[None, :], R, H_after[None, :], (State.SCALE,) if alone else ())
 
-    def standstill(self) -> Measurement:
-        """What standing still says: no turn rate, but for a creep too slow to be found."""
-        H = np.zeros((1, DIM))
-        H[0, State.RATE] = 1.0
+    def stand_still(self, seconds: float) -> None:
+        """Take in that the robot has stood for so long, since STILL_REF, but for a creep too slow to be found."""
         # it tells nothing of scale factors, though linearised their errors go along with that of the rate
         consider = (State.SCALE, State.GYRO_SCALE)
-        return Measurement(-float(self.x[State.RATE]), H, CREEP_RATE**2, consider=consider)
+        H = np.zeros((1, DIM))
+        H[0, State.RATE] = 1.0
+        self.correct(Measurement(-float(self.x[State.RATE]), H, CREEP_RATE**2, consider=consider))
+        H = np.zeros((1, DIM))
+        H[0, State.YAW], H[0, State.STILL_REF], H[0, State.RATE] = 1.0, -1.0, -seconds  # all the while at that rate
+        self.correct(Measurement(-float((H @ self.x)[0]), H, STILL_TURN**2, consider=consider))
 
     def widen(self, index: State, variance: float) -> None:
         """Add to the variance of state `index`."""
@@ -303,3 +314,26 @@ def _integrate_gauss_markov(
     Q[state, state] = sigma**2 * (1.0 - e**2)
     Q[integral, state] = Q[state, integral] = gain * sigma**2 * time * (1.0 - e) ** 2
     Q[integral, integral] = (gain * sigma * time) ** 2 * (2.0 * dt / time - 3.0 + 4.0 * e - e**2)
+
+
+def _turning(q: float, ramp: float, dt: float) -> tuple[Array, Array]:
+    """Transition and process noise of (yaw, rate, acceleration) over `dt` seconds.
+
+    Singer's model of a manoeuvre (1970, doi:10.1109/TAES.1970.310128): the acceleration is Gauss-Markov over `ramp`
+    seconds. Over times longer than that the rate walks, by `q` (rad/s)^2 a second.
+    """
+    if dt > ramp:
+        F, Q = _turning(q, ramp, dt / 2.0)
+        return F @ F, F @ Q @ F.T + Q
+    F = np.eye(3)
+    F[0, 1] = dt
+    F[:, 2:] = _answer(ramp, np.array([dt]))
+    answers = _answer(ramp, dt / 2.0 * (1.0 + _NODES))
+    return F, q / ramp**2 * dt / 2.0 * (answers * _WEIGHTS) @ answers.T
+
+
+def _answer(ramp: float, s: Array) -> Array:
+    """What an acceleration of 1 rad/s^2 that fades over `ramp` has made of yaw, rate and itself after times `s`."""
+    x = s / ramp
+    fading = -np.expm1(-x)
+    return np.stack([ramp**2 * (x - fading), ramp * fading, 1.0 - fading])

@@ -19,6 +19,7 @@ from fusion.vote import Vote
 
 FOREVER_NS = 2**63
 LONGEST_GAP_NS = 500_000_000  # between odometry samples whose rates are integrated
+HIDDEN_RATE = 1e-3  # rad/s; a start shows only after some hundredths of a second, at about 0.01 rad/s
 SILENT_NS = 500_000_000  # longer than the gap between two images of a slow camera
 
 
@@ -136,7 +137,7 @@ class YawFilter:
         ekf.x, ekf.P = before.x, before.P
         ekf.track_speed, ekf.track_stray = before.track_speed, before.track_stray
         if before.t_ns is None:
-            state.stillness = Stillness(event.t_ns)
+            state.stillness = Stillness(event.t_ns, reference_ns=event.t_ns)
         self._watch(state, event)
         if before.t_ns is not None and event.t_ns > before.t_ns:
             ekf.predict_for((event.t_ns - before.t_ns) * 1e-9, still=state.stillness.standing)
@@ -176,8 +177,10 @@ class YawFilter:
         """Pin the turn rate once the robot is found to stand."""
         bias, variance = float(self._ekf.x[State.BIAS]), float(self._ekf.P[State.BIAS, State.BIAS])
         stillness = state.stillness.judged(state.t_ns or 0, bias, variance**0.5)
+        if stillness.reference_ns is not None and state.stillness.reference_ns is None:
+            self._ekf.clone_yaw(State.STILL_REF)
         if stillness.standing and not state.stillness.standing:
-            self._ekf.correct(self._ekf.standstill())
+            self._ekf.stand_still(((state.t_ns or 0) - (stillness.reference_ns or 0)) * 1e-9)
         state.stillness = stillness
 
     def _fuse_gyro(self, state: FilterState, event: GyroEvent) -> None:
@@ -287,17 +290,17 @@ def estimate_of(state: FilterState) -> YawEstimate | None:
     """What a state says; None before the first event."""
     if state.t_ns is None:
         return None
-    x, P = state.x, state.P
+    x, P, standing = state.x, state.P, state.stillness.standing
     return YawEstimate(
         t_ns=state.t_ns,
         yaw=float(x[State.YAW]),
         yaw_variance=float(P[State.YAW, State.YAW]),
         yaw_rate=float(x[State.RATE]),
-        yaw_rate_variance=float(P[State.RATE, State.RATE]),
+        yaw_rate_variance=float(P[State.RATE, State.RATE]) + (HIDDEN_RATE**2 if standing else 0.0),
         gyro_bias=float(x[State.BIAS]),
         gyro_bias_variance=float(P[State.BIAS, State.BIAS]),
         track_scale=float(x[State.SCALE]),
         track_scale_variance=float(P[State.SCALE, State.SCALE]),
-        standstill=state.stillness.standing,
+        standstill=standing,
         slip=state.gates[Sensor.TRACKS].rejecting_since_ns is not None,
     )

@@ -15,6 +15,7 @@ from fusion.samples import OdometrySample
 
 RESOLUTION = 0.0005  # rad/s; slower turns are left to the filter, which goes on estimating the rate
 SHORTEST_NS = 500_000_000  # of quiet before it is called standstill
+DYING_NS = 100_000_000  # in which the rest of a motion dies away after its last sign
 SILENT_NS = 1_000_000_000  # a sensor not heard for so long has no say
 ROUGH = 0.02  # rad/s; noise to expect of resting tracks until it is known
 CREEP_RATE = 0.001  # rad/s; tracks that claim less show no motion
@@ -92,9 +93,13 @@ class CompassTurn:
 
 @dataclass(frozen=True, slots=True)
 class Stillness:
-    """What each sensor has shown since the last sign of motion at `since_ns`, and whether that is standstill."""
+    """What each sensor has shown since the last sign of motion at `since_ns`, and whether that is standstill.
+
+    `reference_ns` is when all motion had died away; None before.
+    """
 
     since_ns: int
+    reference_ns: int | None = None
     standing: bool = False
     gyro_ns: int | None = None
     gyro_sigma: float = 0.0
@@ -140,6 +145,8 @@ class Stillness:
 
     def judged(self, t_ns: int, bias: float, bias_sigma: float) -> Stillness:
         """Decide whether the robot stands at `t_ns`, with what is known of the gyro's bias (rad/s)."""
+        if self.reference_ns is None and t_ns - self.since_ns >= DYING_NS:
+            return replace(self, reference_ns=t_ns)
         if self.standing or t_ns - self.since_ns < SHORTEST_NS:
             return self
         witness = False

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+from scipy.linalg import expm
 
 from compass import YawIncrement, wrap_angle
 from fusion import FusionConfig, GyroSample, OdometrySample
@@ -29,7 +30,7 @@ class Drive:
 def drawn_drive(seed, sensors=SENSORS, seconds=10.0, config=None, gyro_hz=50, track_hz=20, compass_hz=10, hold=1.0):
     """Draw a drive whose motion, bias, scale, slip and noises all follow `config`.
 
-    The rate walks randomly from a start drawn from its prior; the compass keeps a reference for `hold` seconds.
+    Rate and acceleration start from a draw of their priors; the compass keeps a reference for `hold` seconds.
     """
     config = config or FusionConfig()
     rng = np.random.default_rng(seed)
@@ -55,14 +56,27 @@ def drawn_drive(seed, sensors=SENSORS, seconds=10.0, config=None, gyro_hz=50, tr
     return Drive(t_ns, yaw, rate, bias, scale, sorted(samples, key=lambda sample: sample.t_ns))
 
 
+def turning_noise(config, dt):
+    """Transition and noise of (yaw, rate, acceleration) over `dt` s, by the doubled matrix (Van Loan 1978)."""
+    A = np.zeros((6, 6))
+    A[:3, :3] = -np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.0, 0.0, -1.0 / config.rate_ramp]])
+    A[2, 5] = (config.rate_walk / config.rate_ramp) ** 2
+    A[3:, 3:] = -A[:3, :3].T
+    both = expm(A * dt)
+    F = both[3:, 3:].T
+    return F, F @ both[:3, 3:]
+
+
 def _motion(rng, n, config):
-    """Exact draw of a rate that walks randomly and of its integral (Van Loan's covariance of the pair)."""
-    dt, q = 1.0 / GRID_HZ, config.rate_walk**2
-    pair = np.linalg.cholesky(q * np.array([[dt**3 / 3, dt**2 / 2], [dt**2 / 2, dt]]))
-    noise = rng.normal(size=(n - 1, 2)) @ pair.T
-    rate = config.initial_rate_sigma * rng.normal() + np.concatenate([[0.0], np.cumsum(noise[:, 1])])
-    start = config.initial_yaw + config.initial_yaw_sigma * rng.normal()
-    return start + np.concatenate([[0.0], np.cumsum(rate[:-1] * dt + noise[:, 0])]), rate
+    """Exact draw of an acceleration that is Gauss-Markov, and of its integrals, rate and yaw."""
+    F, Q = turning_noise(config, 1.0 / GRID_HZ)
+    noise = rng.normal(size=(n - 1, 3)) @ np.linalg.cholesky(Q).T
+    x = np.empty((n, 3))
+    spread = config.initial_yaw_sigma, config.initial_rate_sigma, config.rate_walk / math.sqrt(2.0 * config.rate_ramp)
+    x[0] = np.array([config.initial_yaw, 0.0, 0.0]) + np.array(spread) * rng.normal(size=3)
+    for i in range(1, n):
+        x[i] = F @ x[i - 1] + noise[i - 1]
+    return x[:, 0], x[:, 1]
 
 
 def _walk(rng, n, sigma, step):

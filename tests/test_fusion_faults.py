@@ -113,6 +113,19 @@ def test_standstill_is_found_and_pins_the_bias():
     assert not moving.estimate().standstill
 
 
+def test_gyro_samples_before_standstill_was_found_count():
+    rng = np.random.default_rng(5)
+    samples = [GyroSample(i * 10**7, 0.004 + 0.003 * rng.normal()) for i in range(60)]
+    samples += [OdometrySample(i * 25 * 10**6, 0.0, 0.0, 0.0) for i in range(24)]
+    t = np.array([0.0, 1.0])
+    fusion, _ = fuse(RobotDrive(t, 0.0 * t, sorted(samples, key=lambda s: s.t_ns)))
+    estimate = fusion.estimate()
+    assert estimate.standstill
+    # all 60 samples and a creep of 0.0005 rad/s; those after the first half second alone would leave 1.1e-3
+    assert math.sqrt(estimate.gyro_bias_variance) < 1.1 * math.hypot(0.003 / math.sqrt(60), 5e-4)
+    assert abs(estimate.gyro_bias - 0.004) < 3.0 * math.sqrt(estimate.gyro_bias_variance)
+
+
 @pytest.mark.parametrize("sensors", [(GyroSample, YawIncrement), (GyroSample, OdometrySample, YawIncrement)])
 @pytest.mark.parametrize("rate_deg", [0.2, 1.0])
 def test_slow_turn_is_not_swallowed_by_standstill(sensors, rate_deg):

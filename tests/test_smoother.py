@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from scipy.linalg import cholesky, lstsq, solve_triangular
-from sensor_model import SUBSETS, drawn_drive
+from sensor_model import SUBSETS, drawn_drive, turning_noise
 
 from compass import YawIncrement
 from fusion import FusionConfig, GyroSample, YawFusion
@@ -16,28 +16,28 @@ LINEAR = FusionConfig(gyro_scale_sigma=0.0, gate_probability=1.0 - 1e-12)
 
 
 def batch(samples, config):
-    """Yaw and its variance at all stamps by weighted least squares; unknown are (yaw, rate, bias, error) at each."""
+    """Yaw and its variance at all stamps by weighted least squares; unknown are five states at each."""
     stamps = sorted({s.t_ns for s in samples} | {s.t_ref_ns for s in samples if isinstance(s, YawIncrement)})
-    at = {t: 4 * k for k, t in enumerate(stamps)}
+    at = {t: 5 * k for k, t in enumerate(stamps)}  # yaw, rate, bias, lasting compass error, acceleration
     rows, rhs = [], []
 
     def equation(terms, value, sigma):
-        row = np.zeros(4 * len(stamps))
+        row = np.zeros(5 * len(stamps))
         for index, factor in terms:
             row[index] += factor / sigma
         rows.append(row)
         rhs.append(value / sigma)
 
-    start = (config.initial_yaw_sigma, config.initial_rate_sigma, config.initial_bias_sigma, 1.0)
+    agility = config.rate_walk / math.sqrt(2.0 * config.rate_ramp)
+    start = (config.initial_yaw_sigma, config.initial_rate_sigma, config.initial_bias_sigma, 1.0, agility)
     for index, sigma in enumerate(start):
         equation([(index, 1.0)], 0.0, sigma)
     for a, b in pairwise(stamps):
         i, j, dt = at[a], at[b], (b - a) * 1e-9
-        q = config.rate_walk**2
-        W = cholesky(q * np.array([[dt**3 / 3, dt**2 / 2], [dt**2 / 2, dt]]), lower=True)
-        W = solve_triangular(W, np.eye(2), lower=True)
-        for w in W:  # whitened: yaw' = yaw + dt rate, rate' = rate
-            equation([(j, w[0]), (i, -w[0]), (i + 1, -dt * w[0] - w[1]), (j + 1, w[1])], 0.0, 1.0)
+        F, Q = turning_noise(config, dt)
+        W = solve_triangular(cholesky(Q, lower=True), np.eye(3), lower=True)
+        for w, before in zip(W, -W @ F, strict=True):  # whitened
+            equation([*zip((j, j + 1, j + 4), w, strict=True), *zip((i, i + 1, i + 4), before, strict=True)], 0.0, 1.0)
         equation([(j + 2, 1.0), (i + 2, -1.0)], 0.0, config.bias_walk * math.sqrt(dt))
         keep = math.exp(-dt / config.compass_error_time)
         equation([(j + 3, 1.0), (i + 3, -keep)], 0.0, math.sqrt(1.0 - keep**2))
@@ -50,7 +50,7 @@ def batch(samples, config):
             equation(terms, s.yaw, math.sqrt((1.0 - share) * s.variance))
     A = np.array(rows)
     x = lstsq(A, np.array(rhs))[0]
-    return stamps, x[::4], np.diag(np.linalg.inv(A.T @ A))[::4]
+    return stamps, x[::5], np.diag(np.linalg.inv(A.T @ A))[::5]
 
 
 def test_smoothed_yaw_of_linear_drive_equals_batch_least_squares():
