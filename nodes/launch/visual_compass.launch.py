@@ -15,7 +15,7 @@ from launch_ros.actions import Node
 SHARE = get_package_share_directory("visual_compass")
 PROFILE = "FASTRTPS_DEFAULT_PROFILES_FILE"
 
-# Launch arguments that set a parameter of the same name; empty leaves it to the parameter file.
+# Launch arguments that set a parameter of the same name.
 PARAMETERS = {
     "compass_image": "topic of the panoramas",
     "image_transport": "raw or compressed",
@@ -37,6 +37,8 @@ def start(context: LaunchContext) -> list:
     def value(name: str) -> str:
         return LaunchConfiguration(name).perform(context)
 
+    if not os.path.isfile(value("params_file")):  # else the node would run with the defaults
+        raise FileNotFoundError(f"params_file: {value('params_file')} does not exist; give the path of a YAML file")
     given = {name: yaml.safe_load(value(name)) for name in PARAMETERS if value(name)}
     actions = []
     if PROFILE not in os.environ:
@@ -63,5 +65,8 @@ def generate_launch_description() -> LaunchDescription:
             description="parameter file; defaults < this file < launch arguments",
         ),
     ]
-    passed = [DeclareLaunchArgument(name, default_value="", description=what) for name, what in PARAMETERS.items()]
+    passed = [
+        DeclareLaunchArgument(name, default_value="", description=f"{what}; empty: as in params_file")
+        for name, what in PARAMETERS.items()
+    ]
     return LaunchDescription([*own, *passed, OpaqueFunction(function=start)])
