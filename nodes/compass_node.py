@@ -28,6 +28,7 @@ class CompassNode(Node):
         parameters.on_change(self._stream.apply)
         self.create_service(Empty, "~/reset", self._on_reset)
         self._jumps = on_jump_back(self, self._stream.reset)
+        self.get_logger().info(f"compass {self._stream.topic} -> {settings.topics.compass_output_topic}")
         self._diagnostics = Diagnostics(self, {"images": self._stream.finding})
 
     def _on_reset(self, _: Empty.Request, response: Empty.Response) -> Empty.Response:

@@ -25,6 +25,7 @@ from nodes.conversions import yaw_odometry
 from nodes.diagnostics import Finding, compass_figures, stream_finding
 from nodes.health import SequenceGaps, StreamHealth
 from nodes.images import NewestWorker
+from nodes.transport import compressed_topic, raw_topic
 
 IMAGE_QOS = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 JUMP_BACK = 10  # images in a row older than one before them: time itself has jumped back
@@ -72,12 +73,13 @@ class CompassStream:
         self.health = StreamHealth()
         self._gaps = SequenceGaps()
         compressed = topics.image_transport == "compressed"
-        self.topic = topics.compass_image + ("/compressed" if compressed else "")
+        self._kind = CompressedImage if compressed else Image
+        self.topic = (compressed_topic if compressed else raw_topic)(topics.compass_image)
         work = surviving(node, self.topic, complain, self._work)
         self._worker: NewestWorker[ImageMessage] = NewestWorker(work, "images")
         self._publisher = node.create_publisher(Odometry, topics.compass_output_topic, 10)
         node.create_subscription(
-            CompressedImage if compressed else Image,
+            self._kind,
             self.topic,
             self._receive,
             IMAGE_QOS,
@@ -101,7 +103,9 @@ class CompassStream:
 
     def finding(self) -> Finding:
         """What the diagnostics say of images and compass."""
-        level, text, figures = stream_finding(self._node, self.health, self.settings.topics.sensor_timeout)
+        level, text, figures = stream_finding(
+            self._node, self.health, self.settings.topics.sensor_timeout, self.topic, self._kind
+        )
         figures |= {"dropped": str(self._worker.dropped), "lost on the way": str(self._gaps.lost)}
         figures |= compass_figures(self._compass, self._confidence)
         return level, text, figures | self._complain.figures(self.topic)

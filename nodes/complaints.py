@@ -18,6 +18,7 @@ Message = TypeVar("Message")
 
 REPEAT_S = 30.0  # a fault that lasts is said again after this long
 _LONGEST = 400  # characters of a line
+_VARYING = r"'[^']*'|(?<!\w)-?\d[\d.e+-]*(?!\w)"  # quoted names and numbers, but not the 8 of bgr8
 _MOST_KINDS = 50  # what a topic carries must not fill the memory
 
 
@@ -34,7 +35,7 @@ class Complaints:
     Attributes
     ----------
     counts : Counter of str
-        Faults so far by kind: the message with its numbers and quoted names taken out.
+        Faults so far by kind: the message without its remedy, its numbers and quoted names taken out.
     """
 
     def __init__(self, say: Callable[[str], object], clock: Callable[[], float] = time.monotonic) -> None:
@@ -46,7 +47,7 @@ class Complaints:
 
     def __call__(self, where: str, fault: Exception | str) -> None:
         """Count a fault of the stream `where`, and log it unless that was done lately."""
-        kind = f"{where}: " + re.sub(r"'[^']*'|-?\d[\d.e+-]*", "*", str(fault))[:100]
+        kind = f"{where}: " + re.sub(_VARYING, "*", str(fault).split(";")[0])[:100]
         with self._lock:
             if kind not in self.counts and len(self.counts) >= _MOST_KINDS:
                 kind = f"{where}: other faults"
@@ -62,7 +63,11 @@ class Complaints:
     def figures(self, where: str) -> dict[str, str]:
         """Counts of the stream `where`, for the diagnostics."""
         with self._lock:
-            return {f"fault: {kind}": str(n) for kind, n in self.counts.items() if kind.startswith(f"{where}: ")}
+            return {
+                kind.replace(f"{where}: ", "fault: ", 1): str(count)
+                for kind, count in self.counts.items()
+                if kind.startswith(f"{where}: ")
+            }
 
 
 def surviving(

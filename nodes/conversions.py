@@ -35,9 +35,9 @@ def pose_yaw(message: PoseWithCovarianceStamped) -> tuple[float, float]:
     """
     yaw, variance = yaw_of(message.pose.pose.orientation), float(message.pose.covariance[YAW])
     if yaw is None:
-        raise MessageError("set_pose: the orientation is no unit quaternion")
+        raise MessageError("the orientation is no unit quaternion")
     if not 0.0 <= variance < math.inf:
-        raise MessageError(f"set_pose: variance of yaw is {variance:g}; give 0 or more")
+        raise MessageError(f"variance of yaw is {variance:g}; give 0 or more")
     return yaw, max(variance, _CERTAIN)
 
 

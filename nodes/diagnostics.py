@@ -13,14 +13,18 @@ from rclpy.node import Node
 
 from compass import VisualCompass
 from fusion import Sensor, SensorReport, YawEstimate
+from nodes.complaints import Complaints, surviving
 from nodes.health import Level, StreamHealth
+from nodes.transport import compressed_topic
 
 PERIOD_S = 1.0
+_QUIET_PERIODS = 3  # after the start: the sensors' drivers may be starting, too
+_GONE = (Level.ERROR, Level.STALE)
 Finding = tuple[Level, str, dict[str, str]]
 
 
 class Diagnostics:
-    """Publishes the findings of named sources once a second.
+    """Publishes the findings of named sources once a second, and logs when one is lost and when it returns.
 
     Parameters
     ----------
@@ -33,15 +37,22 @@ class Diagnostics:
     def __init__(self, node: Node, sources: Mapping[str, Callable[[], Finding]]) -> None:
         self._node = node
         self._sources = sources
+        self._gone: set[str] = set()
+        self._periods = 0
+        self._warn = Complaints(node.get_logger().warning)
+        self._tell = Complaints(lambda line: node.get_logger().info(line))  # rclpy wants one severity a source line
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
         # A steady clock: with use_sim_time and a paused bag, the diagnostics go on.
-        node.create_timer(PERIOD_S, self._publish, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        publish = surviving(node, "diagnostics", self._warn, self._publish)
+        node.create_timer(PERIOD_S, lambda: publish(DiagnosticArray()), clock=Clock(clock_type=ClockType.STEADY_TIME))
 
-    def _publish(self) -> None:
-        message = DiagnosticArray()
+    def _publish(self, message: DiagnosticArray) -> None:
         message.header.stamp = self._node.get_clock().now().to_msg()
+        self._periods += 1
         for name, find in self._sources.items():
             level, text, figures = find()
+            if self._periods > _QUIET_PERIODS:
+                self._log(name, level, text)
             message.status.append(
                 DiagnosticStatus(
                     level=bytes([level]),
@@ -53,13 +64,56 @@ class Diagnostics:
             )
         self._publisher.publish(message)
 
+    def _log(self, name: str, level: Level, text: str) -> None:
+        """For who sees the terminal only; a source that comes and goes is not repeated every second."""
+        if level in _GONE and name not in self._gone:
+            self._gone.add(name)
+            self._warn(name, text)
+        elif level not in _GONE and name in self._gone:
+            self._gone.remove(name)
+            self._tell(name, "back")
 
-def stream_finding(node: Node, health: StreamHealth, timeout: float) -> Finding:
-    """Health of a stream, with the age of its newest used message by the node's clock."""
+
+def stream_finding(node: Node, health: StreamHealth, timeout: float, topic: str, kind: type) -> Finding:
+    """Health of a stream, with the age of its newest used message by the node's clock.
+
+    Parameters
+    ----------
+    node : Node
+        The subscriber.
+    health : StreamHealth
+        Of the stream.
+    timeout : float
+        Silence from which on it is stale, s.
+    topic, kind : str, type
+        Name and message class of the stream.
+    """
     level, text, figures = health.judge(time.monotonic(), timeout)
+    if level is Level.STALE:
+        text += why_silent(node, topic, kind)
     if health.stamp_ns is not None:
         figures["age [s]"] = f"{(node.get_clock().now().nanoseconds - health.stamp_ns) * 1e-9:.3f}"
     return level, text, figures
+
+
+def why_silent(node: Node, topic: str, kind: type) -> str:
+    """What can be seen from here of the reason why nothing comes."""
+    wanted = type_name(kind)
+    others = {publisher.topic_type for publisher in node.get_publishers_info_by_topic(topic)}
+    if not others:
+        compressed = compressed_topic(topic)
+        if compressed != topic and node.count_publishers(compressed):
+            return f"; nobody publishes {topic}, but {compressed} is there: set image_transport to compressed"
+        return f"; nobody publishes {topic}"
+    if wanted not in others:
+        return f"; {topic} is a {', '.join(sorted(others))}, not a {wanted}"
+    return ""
+
+
+def type_name(kind: type) -> str:
+    """Name of a message class as ROS writes it, ``sensor_msgs/msg/Imu``."""
+    package = kind.__module__.split(".")[0]
+    return f"{package}/msg/{kind.__name__}"
 
 
 def compass_figures(compass: VisualCompass, confidence: float) -> dict[str, str]:

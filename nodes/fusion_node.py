@@ -28,6 +28,8 @@ from nodes.parameters import NodeParameters
 from nodes.runtime import on_jump_back, run
 from nodes.transforms import transform_broadcaster, transform_of
 
+MESSAGES = {Sensor.GYRO: Imu, Sensor.TRACKS: Odometry}
+
 
 class FusionNode(Node):
     """Publishes the raw compass and the fused yaw as ``nav_msgs/Odometry``."""
@@ -47,8 +49,8 @@ class FusionNode(Node):
         self._published_ns = -1
         self._publisher = self.create_publisher(Odometry, topics.fused_output_topic, 10)
         self._broadcaster = transform_broadcaster(self) if topics.publish_tf else None
-        self._listen(Imu, Sensor.GYRO, lambda message: gyro_sample(message, self._level))
-        self._listen(Odometry, Sensor.TRACKS, odometry_sample)
+        self._listen(Sensor.GYRO, lambda message: gyro_sample(message, self._level))
+        self._listen(Sensor.TRACKS, odometry_sample)
         self._stream = CompassStream(self, settings, self._pipeline.compass, self._complaints, self._inbox.send)
         self._health[Sensor.COMPASS], self._topics[Sensor.COMPASS] = self._stream.health, self._stream.topic
         parameters.on_change(self._apply)
@@ -56,6 +58,8 @@ class FusionNode(Node):
         set_pose = surviving(self, "set_pose", self._complaints, self._on_set_pose)
         self.create_subscription(PoseWithCovarianceStamped, "set_pose", set_pose, 10)
         self._jumps = on_jump_back(self, self._reset)
+        heard = ", ".join(f"{sensor.value} {topic}" for sensor, topic in self._topics.items())
+        self.get_logger().info(f"{heard} -> {topics.compass_output_topic}, {topics.fused_output_topic}")
         self._diagnostics = Diagnostics(
             self,
             {
@@ -66,7 +70,7 @@ class FusionNode(Node):
             },
         )
 
-    def _listen(self, kind: type, sensor: Sensor, convert: Callable[[Any], Sample]) -> None:
+    def _listen(self, sensor: Sensor, convert: Callable[[Any], Sample]) -> None:
         """Subscribe to a sensor whose messages become samples by `convert`."""
         topic, health = self._topics[sensor], self._health[sensor]
 
@@ -74,7 +78,7 @@ class FusionNode(Node):
             health.receive(time.monotonic())
             self._inbox.append(convert(message))
 
-        self._inbox.listen(kind, topic, surviving(self, topic, self._complaints, receive))
+        self._inbox.listen(MESSAGES[sensor], topic, surviving(self, topic, self._complaints, receive))
 
     def _fuse(self, samples: list[Sample]) -> None:
         """Add samples and publish what they changed."""
@@ -124,7 +128,10 @@ class FusionNode(Node):
         self._pipeline.fusion.set_yaw(yaw, variance)
 
     def _sensor_finding(self, sensor: Sensor) -> Finding:
-        level, text, figures = stream_finding(self, self._health[sensor], self._settings.topics.sensor_timeout)
+        timeout = self._settings.topics.sensor_timeout
+        level, text, figures = stream_finding(
+            self, self._health[sensor], timeout, self._topics[sensor], MESSAGES[sensor]
+        )
         figures |= self._filter_figures(sensor)
         if sensor is Sensor.GYRO:
             figures["vertical from"] = self._level.source

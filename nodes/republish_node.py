@@ -19,6 +19,7 @@ from nodes.complaints import Complaints, surviving
 from nodes.images import NewestWorker
 from nodes.parameters import declare_config
 from nodes.runtime import run
+from nodes.transport import compressed_topic, raw_topic
 
 RAW_QOS = QoSProfile(depth=2, reliability=ReliabilityPolicy.RELIABLE)  # serves subscribers of either kind
 
@@ -35,12 +36,12 @@ class RepublishNode(Node):
 
     def __init__(self) -> None:
         super().__init__("republish_node", automatically_declare_parameters_from_overrides=True)
-        self._topic = declare_config(self, RepublishConfig).compass_image
+        self._topic = raw_topic(declare_config(self, RepublishConfig).compass_image)
         self._complaints = Complaints(self.get_logger().warning)
         self._worker = NewestWorker(surviving(self, self._topic, self._complaints, self._republish), "images")
         self._publisher = self.create_publisher(Image, self._topic, RAW_QOS)
         self.create_subscription(
-            CompressedImage, f"{self._topic}/compressed", self._worker.offer, qos_profile_sensor_data
+            CompressedImage, compressed_topic(self._topic), self._worker.offer, qos_profile_sensor_data
         )
 
     def _republish(self, message: CompressedImage) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import logging
 import signal
 from collections.abc import Callable, Sequence
 
@@ -10,6 +11,7 @@ import rclpy
 from rclpy.clock import JumpHandle, JumpThreshold, TimeJump
 from rclpy.duration import Duration
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.impl.rcutils_logger import RcutilsLogger
 from rclpy.node import Node
 
 from compass.errors import VisualCompassError
@@ -24,6 +26,21 @@ class FinishedError(Exception):
     """Raised in a callback of a node whose work is done."""
 
 
+class RosLogHandler(logging.Handler):
+    """Hands what the pipeline logs to the node's logger, and thus to ``/rosout``."""
+
+    def __init__(self, logger: RcutilsLogger) -> None:
+        super().__init__(logging.WARNING)
+        self._logger = logger
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Log a record; rclpy wants one severity a source line."""
+        if record.levelno >= logging.ERROR:
+            self._logger.error(self.format(record))
+        else:
+            self._logger.warning(self.format(record))
+
+
 def run(make_node: Callable[[], Node], args: Sequence[str] | None = None) -> int:
     """Run a node until Ctrl-C or SIGTERM; an error of the user's is one line and exit code 1."""
     node: Node | None = None
@@ -34,10 +51,11 @@ def run(make_node: Callable[[], Node], args: Sequence[str] | None = None) -> int
         log.fatal(str(error))
         return 1
     try:
+        executor = SingleThreadedExecutor()
         node = make_node()
+        logging.getLogger().addHandler(RosLogHandler(node.get_logger()))
         gc.collect()
         gc.freeze()  # a full collection over all the modules' objects would hold every thread for two frames' time
-        executor = SingleThreadedExecutor()
         executor.add_node(node)
         while rclpy.ok():
             executor.spin_once(timeout_sec=_LONGEST_WAIT_S)

@@ -58,6 +58,11 @@ class Process:
         """All the node has printed so far."""
         return self.log.read_text(errors="replace")
 
+    def complaints(self) -> list[str]:
+        """Lines printed of messages that could not be used (they begin with the topic) and of crashes."""
+        ours = ("[INFO]", "[WARN]")
+        return [line for line in self.text().splitlines() if "]: /" in line or not line.startswith(ours)]
+
     def wait(self, timeout: float = PATIENCE_S) -> int:
         return self._process.wait(timeout)
 

@@ -20,6 +20,7 @@ from nodes.health import Level, SequenceGaps, StreamHealth
 from nodes.images import NewestWorker
 from nodes.parameters import describe, settings_specs
 from nodes.transforms import transform_of
+from nodes.transport import compressed_topic, raw_topic
 
 FRAMES = ("odom", "base_link")
 START_YAWS = [math.radians(a) for a in (0.0, 60.0, 180.0, -120.0)] + [math.pi - 1e-9, -math.pi + 1e-9]
@@ -82,7 +83,7 @@ def test_set_pose_is_read():
 
 @pytest.mark.parametrize("bad", [pose(w=0.0), pose(w=math.nan), pose(variance=-1.0), pose(variance=math.nan)])
 def test_set_pose_that_says_nothing_is_refused(bad):
-    with pytest.raises(MessageError, match="set_pose"):
+    with pytest.raises(MessageError, match=r"orientation|variance of yaw"):
         pose_yaw(bad)
 
 
@@ -97,6 +98,12 @@ def test_complaint_is_said_once_and_counted():
     now[0] = REPEAT_S
     complain("/camera", "step 7 of 'x' is wrong")
     assert said[1:] == ["/camera: step 7 of 'x' is wrong (101 times so far)"]
+
+
+def test_complaint_is_named_without_remedy_and_what_varies():
+    complain = Complaints(lambda line: None)
+    complain("/cam", "step 3 is shorter than a row of 16 pixels in bgr8, -48.5e0 bytes; give the true step")
+    assert complain.figures("/cam") == {"fault: step * is shorter than a row of * pixels in bgr8, * bytes": "1"}
 
 
 def test_complaints_of_ever_new_kinds_do_not_fill_the_memory():
@@ -187,3 +194,8 @@ def test_parameter_descriptor_names_unit_range_and_choices():
     columns = describe(specs["compass.columns"])
     assert (columns.integer_range[0].from_value, columns.integer_range[0].to_value) == (16, 8192)
     assert "rows" in describe(specs["compass.method"]).additional_constraints
+
+
+def test_image_topic_of_either_name():
+    assert raw_topic("/cam/compressed") == raw_topic("/cam") == "/cam"
+    assert compressed_topic("/cam/compressed") == compressed_topic("/cam") == "/cam/compressed"
