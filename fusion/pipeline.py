@@ -26,9 +26,11 @@ from fusion.events import (
 from fusion.filter import FilterState, YawFilter, estimate_of
 from fusion.gating import SensorReport
 from fusion.samples import YawEstimate
+from fusion.stamps import FarAhead, confirmed
 from fusion.timeline import Arrival, Timeline
 
 log = logging.getLogger(__name__)
+SHORTEST_REACH_NS = 1_000_000_000  # a stamp off by less does no harm that lasts
 JUMP_BACK = 10  # samples refused in a row as too old before time itself is taken to have jumped back
 
 
@@ -49,28 +51,61 @@ class YawFusion:
         """Forget all samples and start anew from the initial yaw; the counts stay."""
         lag_ns, reference_ns = (round(s * 1e9) for s in (self.config.lag_window, self.config.reference_window))
         self._lag_ns, self._reference_ns = lag_ns, reference_ns
+        self._reach_ns = max(lag_ns, SHORTEST_REACH_NS)
         self._timeline: Timeline[FusionEvent, FilterState] = Timeline(
             self._filter.start, self._filter.step, lag_ns + reference_ns
         )
         self._too_old_in_a_row = 0
+        self._far_ahead = FarAhead(self._reach_ns, lag_ns)
+        self._beginning: list[Sample] | None = []  # until it is confirmed
 
     def add(self, sample: Sample) -> bool:
-        """Take a sample at its own time; False if it was refused (why is in `counts`)."""
+        """Take a sample at its own time; False if it was refused (why is in `counts`).
+
+        One that is far ahead of all others is not believed before another confirms it; should that happen, it is taken
+        in then.
+        """
         sensor = sensor_of(sample).value
         fault = fault_of(sample)
         if fault:
             return self._refuse(sample, f"{sensor}: {fault}")
         newest_ns = self._timeline.newest_ns
         if newest_ns is not None and sample.t_ns < newest_ns - self._lag_ns:
-            self._too_old_in_a_row += 1
             self._refuse(sample, f"{sensor}: older than lag_window")
-            if self._too_old_in_a_row < JUMP_BACK:
+            if not self._jumped_back(newest_ns - sample.t_ns):
                 return False
             log.warning("time jumped back to %d ns: fusion starts anew", sample.t_ns)
             self.counts["reset: time jumped back"] += 1
             self.reset()
+        elif newest_ns is not None and sample.t_ns > newest_ns + self._reach_ns:
+            return self._wait(sample, newest_ns)
+        taken = self._take(sample)
+        for waiting in self._far_ahead.reached(self._timeline.newest_ns or 0):
+            self._take(waiting)
+        return taken
+
+    def _jumped_back(self, by_ns: int) -> bool:
+        """Count a sample that is too old; whether time itself must have jumped back."""
+        self._too_old_in_a_row += by_ns > self._reach_ns  # over a shorter way the others catch up by themselves
+        return self._too_old_in_a_row >= JUMP_BACK
+
+    def _wait(self, sample: Sample, newest_ns: int) -> bool:
+        """Let a sample wait that is far ahead; False as long as no other confirms it."""
+        self._refuse(sample, f"{sensor_of(sample).value}: far ahead of all others")
+        group = self._far_ahead.add(sample, newest_ns)
+        if group and self._beginning is not None:
+            self.reset()  # what came before was never confirmed: a wrong stamp at the very start
+        for one in group:
+            self._take(one)
+        return bool(group)
+
+    def _take(self, sample: Sample) -> bool:
+        """Put a sample whose stamp is believed into the timeline; False if it is there already."""
+        sensor, event = sensor_of(sample).value, event_of(sample)
         self._too_old_in_a_row = 0
-        event = event_of(sample)
+        if self._beginning is not None:
+            self._beginning.append(sample)
+            self._beginning = None if confirmed(self._beginning) else self._beginning[:1]
         if isinstance(event, CompassEvent) and event.t_ns - event.sample.t_ref_ns <= self._reference_ns:
             self._timeline.add(reference_of(event.sample))
         arrival = self._timeline.add(event)

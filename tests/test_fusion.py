@@ -114,9 +114,13 @@ def test_all_silent_grows_variance_and_first_increment_over_the_gap_restores_it(
         fusion.add(sample)
     known = fusion.estimate().yaw_variance
     # 4 s of nothing while the robot turns on by 1.2 rad, then the compass is back on its old reference
-    fusion.add(YawIncrement(5_000_000_000, 9_000_000_000, 1.2, 1e-6, 0.9))
+    for later in range(3):  # the first waits for the others to confirm its stamp
+        yaw = 1.2 + 0.03 * later
+        assert fusion.add(YawIncrement(5_000_000_000, 9_000_000_000 + later * 100_000_000, yaw, 1e-6, 0.9)) == (
+            later > 1
+        )
     estimate = fusion.estimate()
-    assert estimate.yaw == pytest.approx(9.0 * 0.3, abs=0.01)
+    assert estimate.yaw == pytest.approx(9.2 * 0.3, abs=0.01)
     # its own variance, and its lasting half going along with that of the 25 steps before: 2 * 25 * 0.5e-6
     assert estimate.yaw_variance < known + 1e-6 + 2.5e-5
 

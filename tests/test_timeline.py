@@ -1,14 +1,15 @@
 """The timeline: any order of arrival gives the result of the order of stamps, to the bit."""
 
 import random
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from sensor_model import drawn_drive
 
-from fusion import GyroSample, YawFusion
+from compass import YawIncrement
+from fusion import FusionConfig, GyroSample, OdometrySample, YawFusion
 from fusion.timeline import Arrival, Timeline
 
 
@@ -120,4 +121,107 @@ def test_single_stray_stamp_does_not_reset():
         fusion.add(GyroSample(50_000_000_000 + i * 10_000_000, 0.5))
         fusion.add(GyroSample(i, 0.5))
     assert fusion.estimate().yaw == pytest.approx(0.5 * 2.99, abs=0.2)
+    assert not any(reason.startswith("reset") for reason in fusion.counts)
+
+
+SECOND = 1_000_000_000
+AHEAD = [3 * SECOND, 3600 * SECOND, 10**18]
+
+
+def shifted(sample, by_ns):
+    return replace(sample, t_ns=sample.t_ns + by_ns)
+
+
+@pytest.mark.parametrize("by_ns", AHEAD)
+@pytest.mark.parametrize("kind", [GyroSample, OdometrySample, YawIncrement])
+def test_stamp_far_ahead_is_not_believed(kind, by_ns):
+    clean, spoilt = YawFusion(), YawFusion()
+    wrong = shifted(next(s for s in DRIVE if isinstance(s, kind) and s.t_ns > SECOND), by_ns)
+    for number, sample in enumerate(DRIVE):
+        clean.add(sample)
+        spoilt.add(sample)
+        if number == len(DRIVE) // 2:
+            assert not spoilt.add(wrong)
+            assert spoilt.estimate() == clean.estimate()
+    assert spoilt.estimate() == clean.estimate()
+    assert sum(n for reason, n in spoilt.counts.items() if reason.endswith("far ahead of all others")) == 1
+    assert not any(reason.startswith("reset") for reason in spoilt.counts)
+
+
+@pytest.mark.parametrize("by_ns", AHEAD)
+def test_sensor_whose_clock_is_ahead_is_refused_for_good(by_ns):
+    clean, spoilt = YawFusion(), YawFusion()
+    for sample in DRIVE:
+        ahead = isinstance(sample, OdometrySample)
+        spoilt.add(shifted(sample, by_ns) if ahead else sample)
+        if not ahead:
+            clean.add(sample)
+    assert spoilt.estimate() == clean.estimate()
+    assert spoilt.counts["tracks: far ahead of all others"] == sum(isinstance(s, OdometrySample) for s in DRIVE)
+
+
+@pytest.mark.parametrize("kinds", [(GyroSample,), (YawIncrement,), (GyroSample, OdometrySample)])
+def test_silence_of_all_ends_once_a_second_sample_confirms_the_time(kinds):
+    """Of two sensors the first two samples do; one alone has to go on for 0.2 s."""
+    fusion = YawFusion()
+    before = [s for s in DRIVE if isinstance(s, kinds)]
+    for sample in before:
+        fusion.add(sample)
+    after = [shifted(s, 60 * SECOND) for s in before if s.t_ns > SECOND]
+    taken = [fusion.add(sample) for sample in after]
+    believed_ns = after[taken.index(True)].t_ns
+    assert all(taken[taken.index(True) :])
+    assert believed_ns - after[0].t_ns <= (200_000_000 if len(kinds) == 1 else 30_000_000)
+    assert fusion.estimate().t_ns == after[-1].t_ns
+    assert sum(n for reason, n in fusion.counts.items() if reason.endswith("in order")) == len(before) + len(after)
+
+
+def with_gap(sample):
+    """The drive with five silent seconds in its middle."""
+    sample = shifted(sample, 5 * SECOND) if sample.t_ns > 1.5 * SECOND else sample
+    if isinstance(sample, YawIncrement) and sample.t_ref_ns > 1.5 * SECOND:
+        sample = replace(sample, t_ref_ns=sample.t_ref_ns + 5 * SECOND)
+    return sample
+
+
+@settings(max_examples=15, deadline=None)
+@given(st.integers(0, 2**32), st.floats(0.0, 0.95))
+def test_any_arrival_with_silences_and_wrong_stamps_gives_the_same_bits(seed, lateness):
+    rng = random.Random(seed)
+    drive = [with_gap(sample) for sample in DRIVE]
+    ordered, late = YawFusion(), YawFusion()
+    for sample in drive:
+        ordered.add(sample)
+    arrivals = [(s.t_ns + rng.uniform(0.0, lateness) * 1e9, s) for s in drive]
+    wrong = [shifted(s, (k + 2) * 10 * SECOND) for k, s in enumerate(rng.sample(drive, 20))]
+    arrivals += [(rng.choice(drive).t_ns + 1e8, s) for s in wrong]
+    # before anything is known, no stamp can be told to be wrong
+    arrivals.sort(key=lambda arrival: arrival[0])
+    while arrivals[0][1] in wrong:
+        arrivals.pop(0)
+    for _, sample in arrivals:
+        late.add(sample)
+    assert late.state.x.tobytes() == ordered.state.x.tobytes()
+    assert late.state.P.tobytes() == ordered.state.P.tobytes()
+    assert late.estimate() == ordered.estimate()
+    assert not any(reason.startswith("reset") for reason in late.counts)
+
+
+def test_first_stamp_far_in_the_past_is_forgotten():
+    fresh, spoilt = YawFusion(), YawFusion()
+    spoilt.add(GyroSample(1, 0.0))
+    for sample in DRIVE:
+        fresh.add(shifted(sample, 3600 * SECOND))
+        spoilt.add(shifted(sample, 3600 * SECOND))
+    assert spoilt.estimate() == fresh.estimate()
+
+
+def test_stamp_a_little_ahead_does_not_start_anew():
+    """Without a lag window all that follows is too old for 0.9 s, and then the others have caught up."""
+    fusion = YawFusion(FusionConfig(lag_window=0.0))
+    for i in range(300):
+        fusion.add(GyroSample(i * 10_000_000, 0.5))
+        if i == 100:
+            fusion.add(GyroSample(1_900_000_000, 0.5))
+    assert fusion.estimate().yaw == pytest.approx(1.495, abs=0.02)
     assert not any(reason.startswith("reset") for reason in fusion.counts)
