@@ -10,6 +10,7 @@ from compass import YawIncrement
 from fusion.samples import GyroSample, OdometrySample
 
 Sample = GyroSample | OdometrySample | YawIncrement
+FASTEST = 1e3  # m/s and rad/s; a driver's nonsense beyond it could overflow the filter's squares
 
 
 class Sensor(Enum):
@@ -110,6 +111,7 @@ def fault_of(sample: Sample) -> str | None:
     """Say what makes a sample unusable, None if it is sound."""
     if sample.t_ns < 0:
         return "negative stamp"
+    motion: tuple[float, ...] = ()
     if isinstance(sample, YawIncrement):
         numbers: tuple[float | None, ...] = (sample.yaw, sample.variance)
         variance: float | None = sample.variance
@@ -117,12 +119,16 @@ def fault_of(sample: Sample) -> str | None:
             return "reference not before the image"
     elif isinstance(sample, GyroSample):
         numbers, variance = (sample.yaw_rate, sample.variance), sample.variance
+        motion = (sample.yaw_rate,)
     else:
         numbers, variance = (sample.yaw_rate, sample.speed, sample.yaw), None
+        motion = (sample.yaw_rate, sample.speed)
     if not all(math.isfinite(number) for number in numbers if number is not None):
         return "not finite"
     if variance is not None and variance <= 0.0:
         return "variance not positive"
+    if any(abs(number) > FASTEST for number in motion):
+        return f"faster than {FASTEST:g} m/s or rad/s"
     return None
 
 

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from compass.parameters import ParameterSet, parameter
+from fusion.events import FASTEST
 from fusion.samples import GyroSample
 
 Vector = tuple[float, float, float]
@@ -92,7 +93,7 @@ class ImuLevel:
             Its `yaw_rate` is not finite where `angular_velocity` isn't: the filter counts and refuses it.
         """
         rate = _vector(angular_velocity)
-        if all(map(math.isfinite, rate)):
+        if all(abs(r) <= FASTEST for r in rate):  # false for NaN, too; nonsense would tilt the vertical for long
             self._follow_gravity(t_ns, rate, _unit(linear_acceleration))
             self._choose_up(orientation)
         return GyroSample(t_ns, self._yaw_rate(rate))
