@@ -6,19 +6,19 @@ A state is never changed once it is handed out; so it is its own checkpoint and 
 from __future__ import annotations
 
 import copy
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from compass import YawIncrement
 from fusion.config import FusionConfig
 from fusion.ekf import CLONES, Array, Correction, Measurement, State, Transition, YawEkf
 from fusion.events import CompassEvent, FusionEvent, GyroEvent, HeadingEvent, Sensor, TracksEvent
 from fusion.gating import Gate, Verdict, gate_limit
-from fusion.samples import OdometrySample, YawEstimate
+from fusion.samples import YawEstimate
 from fusion.standstill import Stillness
+from fusion.tracks import TrackClaim, TrackVoice
 from fusion.vote import Vote
 
 FOREVER_NS = 2**63
-LONGEST_GAP_NS = 500_000_000  # between odometry samples whose rates are integrated
 HIDDEN_RATE = 1e-3  # rad/s; a start shows only after some hundredths of a second, at about 0.01 rad/s
 SILENT_NS = 500_000_000  # longer than the gap between two images of a slow camera
 
@@ -42,33 +42,6 @@ class Clone:
     reference: bool
 
 
-@dataclass(frozen=True, slots=True)
-class TrackClaim:
-    """What the tracks claim since a reference.
-
-    Attributes
-    ----------
-    reference, last : OdometrySample
-        At the reference, and the newest.
-    turn : float
-        Integral of the claimed rates from `reference` to `last`, rad.
-    """
-
-    reference: OdometrySample
-    last: OdometrySample
-    turn: float
-
-    def turn_until(self, sample: OdometrySample, mode: str) -> tuple[float | None, bool]:
-        """Turn (rad) from the reference to `sample`, None if that cannot be told; and whether modulo a turn.
-
-        By the poses if `mode` is ``pose`` and both have a yaw, else by the turn rates in between.
-        """
-        if mode == "pose" and sample.yaw is not None and self.reference.yaw is not None:
-            return sample.yaw - self.reference.yaw, True
-        gap_ns = sample.t_ns - self.last.t_ns
-        return (self.turn + sample.yaw_rate * gap_ns * 1e-9 if gap_ns <= LONGEST_GAP_NS else None), False
-
-
 @dataclass(slots=True)
 class FilterState:
     """All that the filter knows after an event; its members are replaced, never changed.
@@ -83,6 +56,8 @@ class FilterState:
         What each clone slot holds.
     tracks : TrackClaim or None
         What the tracks claim since the state TRACK_REF was cloned.
+    track_voice : TrackVoice
+        What of the odometry has ever spoken.
     track_speed, track_stray : float
         See `YawEkf`.
     gates : dict of Sensor to Gate
@@ -100,6 +75,7 @@ class FilterState:
     t_ns: int | None = None
     clones: tuple[Clone | None, ...] = (None,) * CLONES
     tracks: TrackClaim | None = None
+    track_voice: TrackVoice = field(default_factory=TrackVoice)
     track_speed: float = 0.0
     track_stray: float = 0.0
     gates: dict[Sensor, Gate] = field(default_factory=lambda: {sensor: Gate() for sensor in Sensor})
@@ -136,6 +112,9 @@ class YawFilter:
         ekf.tape = tape
         ekf.x, ekf.P = before.x, before.P
         ekf.track_speed, ekf.track_stray = before.track_speed, before.track_stray
+        if isinstance(event, TracksEvent):
+            state.track_voice, sample = before.track_voice.hear(event.sample)
+            event = replace(event, sample=sample)
         if before.t_ns is None:
             state.stillness = Stillness(event.t_ns, reference_ns=event.t_ns)
         self._watch(state, event)

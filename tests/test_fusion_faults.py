@@ -56,6 +56,24 @@ def test_total_slip_of_half_a_minute_leaves_less_than_a_degree(drive, fault):
     assert middle.estimate().slip
 
 
+@pytest.mark.parametrize(
+    ("name", "left_empty"),
+    [
+        ("pose", lambda s: replace(s, yaw=0.0)),
+        ("twist", lambda s: replace(s, yaw_rate=0.0, speed=0.0)),
+    ],
+    ids=lambda p: p if isinstance(p, str) else "",
+)
+def test_driver_that_leaves_half_of_the_odometry_empty_is_understood(drive, name, left_empty):
+    fusion, errors = fuse(drive.changed(left_empty, OdometrySample))
+    estimate = fusion.estimate()
+    assert estimate.track_scale == pytest.approx(1.35, abs=0.05)
+    assert fusion.reports()[Sensor.TRACKS].rejected < 0.05 * fusion.reports()[Sensor.TRACKS].accepted
+    without, _ = fuse(drive.changed(lambda s: None, YawIncrement, 25.0).changed(left_empty, OdometrySample))
+    assert np.abs(errors).max() < 1.0 * DEG
+    assert abs(drive.error(without.estimate())) < 1.0 * DEG
+
+
 @pytest.mark.parametrize("since", [0.0, 20.0])
 def test_silent_gyro_leaves_compass_and_tracks(drive, since):
     _, errors = fuse(drive.changed(lambda s: None, GyroSample, since))

@@ -1,0 +1,68 @@
+"""What the track odometry claims: by its poses or its twists, whichever of them the driver really fills in."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from compass import wrap_angle
+from fusion.samples import OdometrySample
+
+LONGEST_GAP_NS = 500_000_000  # between odometry samples whose rates are integrated
+
+
+@dataclass(frozen=True, slots=True)
+class TrackVoice:
+    """Which fields of the odometry have ever spoken; those a driver leaves empty are zero for ever.
+
+    Attributes
+    ----------
+    last : OdometrySample or None
+        The newest, as it came.
+    pose, twist : bool
+        Whether the pose's yaw has ever changed; whether the twist has ever been other than zero.
+    """
+
+    last: OdometrySample | None = None
+    pose: bool = False
+    twist: bool = False
+
+    def hear(self, sample: OdometrySample) -> tuple[TrackVoice, OdometrySample]:
+        """After a sample; and the sample without a pose that never speaks, its rate from the poses if only they do."""
+        last, turn = self.last, 0.0
+        if last is not None and last.yaw is not None and sample.yaw is not None:
+            turn = float(wrap_angle(sample.yaw - last.yaw))
+        voice = TrackVoice(
+            sample, self.pose or turn != 0.0, self.twist or sample.yaw_rate != 0.0 or sample.speed != 0.0
+        )
+        if not voice.pose:
+            sample = replace(sample, yaw=None)
+        elif not voice.twist and last is not None and sample.t_ns > last.t_ns:
+            sample = replace(sample, yaw_rate=turn / ((sample.t_ns - last.t_ns) * 1e-9))
+        return voice, sample
+
+
+@dataclass(frozen=True, slots=True)
+class TrackClaim:
+    """What the tracks claim since a reference.
+
+    Attributes
+    ----------
+    reference, last : OdometrySample
+        At the reference, and the newest.
+    turn : float
+        Integral of the claimed rates from `reference` to `last`, rad.
+    """
+
+    reference: OdometrySample
+    last: OdometrySample
+    turn: float
+
+    def turn_until(self, sample: OdometrySample, mode: str) -> tuple[float | None, bool]:
+        """Turn (rad) from the reference to `sample`, None if that cannot be told; and whether modulo a turn.
+
+        By the poses if `mode` is ``pose`` and both have a yaw, else by the turn rates in between.
+        """
+        if mode == "pose" and sample.yaw is not None and self.reference.yaw is not None:
+            return sample.yaw - self.reference.yaw, True
+        gap_ns = sample.t_ns - self.last.t_ns
+        return (self.turn + sample.yaw_rate * gap_ns * 1e-9 if gap_ns <= LONGEST_GAP_NS else None), False
