@@ -15,6 +15,7 @@ from fusion.messages import MessageError, yaw_of
 
 UNMEASURED = 1e6  # variance of an axis nobody measured: large, yet finite, so that a filter can invert it
 _CERTAIN = 1e-9  # rad^2; a pose set "exactly", with variance 0, still leaves the filter something to invert
+_UNKNOWN = math.pi**2  # rad^2; a sigma of half a turn says nothing, and more would only cost the filter its digits
 _UNMEASURED_COVARIANCE = np.diag(np.full(6, UNMEASURED)).reshape(36)
 YAW = 35  # place of the yaw's variance in a row-major 6x6 covariance
 
@@ -38,7 +39,7 @@ def pose_yaw(message: PoseWithCovarianceStamped) -> tuple[float, float]:
         raise MessageError("the orientation is no unit quaternion")
     if not 0.0 <= variance < math.inf:
         raise MessageError(f"variance of yaw is {variance:g}; give 0 or more")
-    return yaw, max(variance, _CERTAIN)
+    return yaw, min(max(variance, _CERTAIN), _UNKNOWN)
 
 
 def yaw_odometry(

@@ -65,6 +65,7 @@ BAD_GYRO = {
 BAD_TRACKS = {
     "odom: refused: not finite": lambda: odometry_message(START_NS, math.inf),
     "odom: header.stamp is zero": lambda: odometry_message(0, 0.1),
+    "odom: refused: faster than": lambda: odometry_message(START_NS, 0.1, speed=1e300),
 }
 # These are of a kind that was said before: they make no line of their own.
 SAME_AGAIN = (
