@@ -92,9 +92,13 @@ class SequenceGaps:
     def __init__(self) -> None:
         self.lost = 0
         self._last: int | None = None
+        self._onward = True  # whether the last step was: with two publishers at once, each second step goes back
 
     def see(self, number: int | None) -> None:
         """Note the sequence number of a message that arrived; None where the middleware gives none."""
-        if number is not None and self._last is not None and 0 < number - self._last <= self._LONGEST:
-            self.lost += number - self._last - 1
+        if number is not None and self._last is not None:
+            step = number - self._last
+            if self._onward and 0 < step <= self._LONGEST:
+                self.lost += step - 1
+            self._onward = step > 0
         self._last = number

@@ -163,6 +163,14 @@ def test_gaps_in_the_sequence_are_counted_but_not_a_new_publisher():
     assert gaps.lost == 2 + 1  # 7 and 8; 3
 
 
+def test_gaps_between_two_publishers_are_none():
+    gaps = SequenceGaps()
+    for k in range(100):
+        gaps.see(500 + k)
+        gaps.see(k)
+    assert gaps.lost == 0
+
+
 def test_worker_serves_the_newest_and_counts_the_overtaken():
     begun, go, served = threading.Event(), threading.Event(), []
 
