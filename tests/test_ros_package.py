@@ -117,6 +117,11 @@ def test_robot_localization_example_fuses_the_rate_of_the_compass_alone():
     yaw_rate = 11  # x y z, roll pitch yaw, vx vy vz, vroll vpitch vyaw, ax ay az
     assert [index for index, used in enumerate(masks["odom0_config"]) if used] == [yaw_rate]
     assert parameters["odom0_differential"] is False
+    # a gyro would be fused with its bias, for which robot_localization has no state
+    assert not any(masks[name][yaw_rate] for name in masks if name != "odom0_config")
+    noise = parameters["process_noise_covariance"]
+    assert len(noise) == 15
+    assert noise[5] < 1e-4  # (rad)^2/s; the default would drown the compass
 
 
 def test_dds_profile_has_a_segment_for_several_large_frames():
