@@ -33,7 +33,7 @@ class FusionConfig(ParameterSet):
         0.003, "white noise of one gyro sample, standard deviation", unit="rad/s", low=1e-6, high=10.0
     )
     initial_bias_sigma: float = parameter(
-        0.02, "gyro bias to expect at the start, standard deviation", unit="rad/s", low=1e-6, high=1.0
+        0.01, "gyro bias to expect at the start, standard deviation", unit="rad/s", low=1e-6, high=1.0
     )
     bias_walk: float = parameter(
         0.00002, "wander of the gyro bias: its standard deviation after one second", unit="rad/s/sqrt(s)",
@@ -52,7 +52,7 @@ class FusionConfig(ParameterSet):
         unit="s", low=0.0, high=60.0,
     )  # fmt: skip
     track_noise: float = parameter(
-        0.01, "noise of the yaw the tracks claim: its standard deviation after one second", unit="rad/sqrt(s)",
+        0.02, "noise of the yaw the tracks claim: its standard deviation after one second", unit="rad/sqrt(s)",
         low=1e-6, high=10.0,
     )  # fmt: skip
     track_timing: float = parameter(
