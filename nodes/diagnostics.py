@@ -13,6 +13,7 @@ from rclpy.node import Node
 
 from compass import VisualCompass
 from fusion import Sensor, SensorReport, YawEstimate
+from fusion.filter import FilterState
 from nodes.complaints import Complaints, surviving
 from nodes.health import Level, StreamHealth
 from nodes.transport import compressed_topic
@@ -138,6 +139,17 @@ def gate_figures(report: SensorReport | None) -> dict[str, str]:
         "gate: rejected": str(report.rejected),
         "gate: recovered": str(report.recovered),
     }
+
+
+def state_figures(sensor: Sensor, state: FilterState) -> dict[str, str]:
+    """What the filter has found out about a sensor."""
+    if sensor is Sensor.COMPASS:
+        return {"references lost": str(state.references_lost)}
+    if sensor is Sensor.TRACKS:
+        voice = state.track_voice
+        spoken = [name for name, spoke in (("pose", voice.pose), ("twist", voice.twist)) if spoke]
+        return {"filled in": " and ".join(spoken) or "nothing but zeros so far"}
+    return {}
 
 
 def count_figures(counts: Counter[str], prefix: str) -> dict[str, str]:

@@ -21,7 +21,15 @@ from fusion.vertical import ImuLevel
 from nodes.compass_stream import CompassStream
 from nodes.complaints import Complaints, surviving
 from nodes.conversions import fused_odometry, pose_yaw
-from nodes.diagnostics import Diagnostics, Finding, count_figures, fusion_finding, gate_figures, stream_finding
+from nodes.diagnostics import (
+    Diagnostics,
+    Finding,
+    count_figures,
+    fusion_finding,
+    gate_figures,
+    state_figures,
+    stream_finding,
+)
 from nodes.health import StreamHealth
 from nodes.inbox import Inbox, Sample
 from nodes.parameters import NodeParameters
@@ -85,7 +93,7 @@ class FusionNode(Node):
         for sample in samples:
             sensor = sensor_of(sample)
             if not self._pipeline.add(sample):
-                why = fault_of(sample) or "late beyond lag_window, or known already"
+                why = fault_of(sample) or "late beyond lag_window, far ahead of all others, or known already"
                 self._complaints(self._topics[sensor], f"refused: {why}")
             elif self._accepted(sensor) and sensor is not Sensor.COMPASS:
                 self._health[sensor].use(time.monotonic(), sample.t_ns)
@@ -140,7 +148,8 @@ class FusionNode(Node):
     def _filter_figures(self, sensor: Sensor) -> dict[str, str]:
         """How a sensor's samples fared in the filter."""
         fusion = self._pipeline.fusion
-        return gate_figures(fusion.reports()[sensor]) | count_figures(fusion.counts, f"{sensor.value}: ")
+        known = gate_figures(fusion.reports()[sensor]) | state_figures(sensor, fusion.state)
+        return known | count_figures(fusion.counts, f"{sensor.value}: ")
 
     def _fusion_finding(self) -> Finding:
         timeout, now = self._settings.topics.sensor_timeout, time.monotonic()

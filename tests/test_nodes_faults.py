@@ -161,3 +161,4 @@ def test_silent_sensors_are_explained_in_log_and_diagnostics(robot, tmp_path):
         tracks = robot.connect(Odometry, "/odom")
         stamps = iter(range(START_NS, START_NS + 1000 * SECOND, SECOND))
         send_until(lambda: tracks(odometry_message(next(stamps), 0.1)), lambda: "tracks: back" in node.text(), "return")
+        wait_for(lambda: figures(diagnostics, "tracks").get("filled in") == "twist", "what the tracks fill in")

@@ -140,3 +140,15 @@ def test_sim_time_that_jumps_back_starts_anew(robot, tmp_path):
 
         send_until(after, lambda: reached(fused, START_NS), "the yaw after the jump")
         assert len(sent) < 8
+
+
+def test_one_stamp_far_ahead_does_not_stop_the_fused_yaw(robot, tmp_path):
+    with started("nodes.fusion_node", tmp_path / "log") as node:
+        fused = robot.listen(Odometry, "/odometry/fused")
+        gyro = robot.connect(Imu, "/imu/data")
+        robot.wait_publisher("/odometry/fused")
+        turn(gyro, fused, START_NS, 30)
+        far = imu_message(START_NS + 10**17, RATE)
+        send_until(lambda: gyro(far), lambda: "far ahead" in node.text(), "the stamp refused")
+        yaw = turn(gyro, fused, START_NS + 30 * STEP_NS, 30)
+        assert yaw == pytest.approx(59 * STEP_NS * 1e-9 * RATE, abs=0.01)
