@@ -161,6 +161,28 @@ def test_slow_turn_is_not_swallowed_by_standstill(sensors, rate_deg):
     assert fusion.estimate().gyro_bias == pytest.approx(0.005, abs=0.001)
 
 
+def test_gyro_alone_never_finds_standstill():
+    rng = np.random.default_rng(6)
+    rate = 0.5 * DEG  # slower than biases are: from the gyro alone nobody can tell
+    samples = [GyroSample(i * 10**7, rate + 0.003 * rng.normal()) for i in range(1000)]
+    t = np.array([0.0, 10.0])
+    fusion, _ = fuse(RobotDrive(t, rate * t, samples))
+    assert not fusion.estimate().standstill
+    assert fusion.estimate().yaw == pytest.approx(rate * 9.99, rel=0.05)
+
+
+def test_slow_turn_that_only_poses_tell_of_is_not_swallowed_by_standstill():
+    rng = np.random.default_rng(7)
+    rate = 0.3 * DEG
+    samples = [GyroSample(i * 10**7, rate + 0.004 + 0.003 * rng.normal()) for i in range(2000)]
+    samples += [OdometrySample(i * 25 * 10**6, 0.0, 0.0, rate * i * 0.025) for i in range(800)]
+    t = np.array([0.0, 20.0])
+    fusion, _ = fuse(RobotDrive(t, rate * t, sorted(samples, key=lambda s: s.t_ns)))
+    assert not fusion.estimate().standstill
+    estimate = fusion.estimate()
+    assert abs(estimate.gyro_bias - 0.004) < 3.0 * math.sqrt(estimate.gyro_bias_variance)
+
+
 def test_robot_that_stands_does_not_drift():
     rng = np.random.default_rng(4)
     samples = [GyroSample(i * 10**7, 0.004 + 0.003 * rng.normal()) for i in range(12000)]
