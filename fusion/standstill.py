@@ -132,7 +132,7 @@ class Stillness:
         if abs(sample.yaw_rate) > rate_limit or abs(sample.speed) > speed_limit:
             return self.moved(sample.t_ns)
         rate, speed = rate.add(sample.yaw_rate), speed.add(sample.speed)
-        if rate.count > 20 and abs(rate.mean) > CLEAR * rate.mean_sigma + CREEP_RATE:
+        if rate.count > 20 and not _creeping(rate):
             return self.moved(sample.t_ns)
         return replace(self, tracks_ns=sample.t_ns, track_rate=rate, track_speed=speed)
 
@@ -151,7 +151,7 @@ class Stillness:
             return self
         witness = False
         if self.tracks_ns is not None and t_ns - self.tracks_ns < SILENT_NS:
-            witness = self.track_rate.mean_sigma <= RESOLUTION
+            witness = self.track_rate.mean_sigma <= RESOLUTION and _creeping(self.track_rate)
         if self.compass is not None and t_ns - self.compass.t_ns < SILENT_NS:
             seen = abs(self.compass.turn) <= 2.0 * math.sqrt(self.compass.turn_variance)
             witness = seen and self.compass.resolution <= RESOLUTION
@@ -164,3 +164,8 @@ class Stillness:
         if not witness:
             return self
         return replace(self, standing=True)
+
+
+def _creeping(rate: Running) -> bool:
+    """Whether the mean of the tracks' claimed rates could be no motion."""
+    return abs(rate.mean) <= CLEAR * rate.mean_sigma + CREEP_RATE
