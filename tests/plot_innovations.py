@@ -14,7 +14,7 @@ from robot_drive import robot_drive
 from fusion import GyroSample, OdometrySample, Sensor, Verdict, YawFusion
 
 NAMES = {Sensor.GYRO: "gyro, rad/s", Sensor.TRACKS: "tracks, rad", Sensor.COMPASS: "compass, rad"}
-RANGES = {Sensor.GYRO: 0.8, Sensor.TRACKS: 0.6, Sensor.COMPASS: 0.02}
+RANGES = {Sensor.GYRO: 0.1, Sensor.TRACKS: 0.6, Sensor.COMPASS: 0.02}
 
 
 def reports(drive):
@@ -57,7 +57,7 @@ def main():
         t, error, sigma = errors[::20].T
         axes[3, column].fill_between(t, -3.0 * sigma, 3.0 * sigma, color="0.85", linewidth=0)
         axes[3, column].plot(t, error, color="tab:green", linewidth=0.8)
-        axes[3, column].set_ylim(-3.0, 3.0)
+        axes[3, column].set_ylim(-1.5, 1.5)
         axes[0, column].set_title(title, fontsize="medium")
         axes[3, column].set_xlabel("s")
     axes[3, 0].set_ylabel("yaw error, deg")
