@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterator
+from itertools import islice
 from typing import Any
 
 from rclpy.callback_groups import CallbackGroup
@@ -23,6 +24,7 @@ SENSOR_QOS = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=100, reliability=
 
 
 TURN_S = 0.01  # between two looks into the queues
+_MOST_PASSES = 10  # over the queues within one turn, when messages come faster than they are taken
 
 
 class Inbox:
@@ -76,14 +78,23 @@ class Inbox:
         self._samples.clear()
 
     def _turn(self) -> None:
-        for subscription, convert in self._queues:
-            for message in queued(subscription):
-                convert(message)
+        for _ in range(_MOST_PASSES):  # while one queue is emptied, others fill: what they hold by then is older
+            if not self._pass():
+                break
         while self._increments:
             self._samples.append(self._increments.popleft())
         samples, self._samples = self._samples, []
         if samples:
             self._use(sorted(samples, key=lambda sample: sample.t_ns))
+
+    def _pass(self) -> int:
+        """Empty each queue once, of a flood only as much as it can hold; returns how many messages were in them."""
+        count = 0
+        for subscription, convert in self._queues:
+            for message in islice(queued(subscription), SENSOR_QOS.depth):
+                convert(message)
+                count += 1
+        return count
 
 
 class ByHand(CallbackGroup):

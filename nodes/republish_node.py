@@ -9,6 +9,8 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from rclpy.clock import Clock as SteadyClock
+from rclpy.clock import ClockType
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy, qos_profile_sensor_data
 from sensor_msgs.msg import CompressedImage, Image
@@ -32,7 +34,10 @@ class RepublishConfig(ParameterSet):
 
 
 class RepublishNode(Node):
-    """Decodes ``<topic>/compressed`` into ``<topic>``; idle while somebody else publishes that."""
+    """Decodes ``<topic>/compressed`` into ``<topic>``; idle while somebody else publishes that.
+
+    It listens once it is listened to: a player that waits for its subscription loses no image at the start then.
+    """
 
     def __init__(self) -> None:
         super().__init__("republish_node", automatically_declare_parameters_from_overrides=True)
@@ -40,9 +45,13 @@ class RepublishNode(Node):
         self._complaints = Complaints(self.get_logger().warning)
         self._worker = NewestWorker(surviving(self, self._topic, self._complaints, self._republish), "images")
         self._publisher = self.create_publisher(Image, self._topic, RAW_QOS)
-        self.create_subscription(
-            CompressedImage, compressed_topic(self._topic), self._worker.offer, qos_profile_sensor_data
-        )
+        self._timer = self.create_timer(0.1, self._watch, clock=SteadyClock(clock_type=ClockType.STEADY_TIME))
+
+    def _watch(self) -> None:
+        if self._publisher.get_subscription_count():
+            self._timer.cancel()
+            topic = compressed_topic(self._topic)
+            self.create_subscription(CompressedImage, topic, self._worker.offer, qos_profile_sensor_data)
 
     def _republish(self, message: CompressedImage) -> None:
         if self.count_publishers(self._topic) == 1:
