@@ -30,7 +30,7 @@ class FusionConfig(ParameterSet):
     )  # fmt: skip
     rate_ramp: float = parameter(0.05, "how long an acceleration of the turning lasts", unit="s", low=1e-3, high=10.0)
     gyro_sigma: float = parameter(
-        0.003, "white noise of one gyro sample, standard deviation", unit="rad/s", low=1e-6, high=10.0
+        0.0025, "white noise of one gyro sample, standard deviation", unit="rad/s", low=1e-6, high=10.0
     )
     initial_bias_sigma: float = parameter(
         0.01, "gyro bias to expect at the start, standard deviation", unit="rad/s", low=1e-6, high=1.0
