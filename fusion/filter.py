@@ -6,6 +6,7 @@ A state is never changed once it is handed out; so it is its own checkpoint and 
 from __future__ import annotations
 
 import copy
+import math
 from dataclasses import dataclass, field, replace
 
 from compass import YawIncrement
@@ -13,7 +14,7 @@ from fusion.config import FusionConfig
 from fusion.ekf import CLONES, Array, Correction, Measurement, State, Transition, YawEkf
 from fusion.events import CompassEvent, FusionEvent, GyroEvent, HeadingEvent, Sensor, TracksEvent
 from fusion.gating import Gate, Verdict, gate_limit
-from fusion.samples import YawEstimate
+from fusion.samples import GyroSample, YawEstimate
 from fusion.standstill import Stillness
 from fusion.tracks import TrackClaim, TrackVoice
 from fusion.vote import Vote
@@ -139,7 +140,7 @@ class YawFilter:
         """Note what an event says of standing; at the first sign of motion the turn rate is open again."""
         stillness = state.stillness
         if isinstance(event, GyroEvent):
-            stillness = stillness.with_gyro(event.t_ns, event.sample.yaw_rate, self._gyro_sigma(event))
+            stillness = stillness.with_gyro(event.t_ns, event.sample.yaw_rate, self._gyro_sigma(state, event.sample))
         elif isinstance(event, TracksEvent):
             stillness = stillness.with_tracks(event.sample)
         elif isinstance(event, CompassEvent):
@@ -148,9 +149,11 @@ class YawFilter:
             self._ekf.widen(State.RATE, self.config.initial_rate_sigma**2)
         state.stillness = stillness
 
-    def _gyro_sigma(self, event: GyroEvent) -> float:
-        variance = event.sample.variance
-        return self.config.gyro_sigma if variance is None else variance**0.5
+    def _gyro_sigma(self, state: FilterState, sample: GyroSample) -> float:
+        """Standard deviation of a sample's noise, rad/s; at rest, where nothing shakes the gyro, as it is seen."""
+        if sample.variance is not None:
+            return math.sqrt(sample.variance)
+        return state.stillness.gyro_noise(self.config.gyro_sigma)
 
     def _settle(self, state: FilterState) -> None:
         """Pin the turn rate once the robot is found to stand."""
@@ -165,7 +168,7 @@ class YawFilter:
     def _fuse_gyro(self, state: FilterState, event: GyroEvent) -> None:
         sample = event.sample
         state.vote = state.vote.with_gyro(sample)
-        measurement = self._ekf.gyro(sample.yaw_rate, sample.variance)
+        measurement = self._ekf.gyro(sample.yaw_rate, self._gyro_sigma(state, sample) ** 2)
         if self._judge(state, Sensor.GYRO, measurement) is Verdict.RECOVERED:
             # the bias has jumped: open it until the gate is met
             excess = measurement.innovation**2 / self._limit - self._ekf.innovation_variance(measurement)

@@ -20,6 +20,7 @@ SILENT_NS = 1_000_000_000  # a sensor not heard for so long has no say
 ROUGH = 0.02  # rad/s; noise to expect of resting tracks until it is known
 CREEP_RATE = 0.001  # rad/s; tracks that claim less show no motion
 CREEP = 0.01  # m/s; slower is not driving
+RESTING = 20  # gyro samples without a sign of motion that tell their scatter
 LATELY = 25  # gyro samples in its recent mean, for turns too slow to show in one sample
 CLEAR = 4.0  # standard deviations that make a sign of motion
 
@@ -113,6 +114,10 @@ class Stillness:
     def moved(self, t_ns: int) -> Stillness:
         """After a sign of motion."""
         return Stillness(t_ns)
+
+    def gyro_noise(self, sigma: float) -> float:
+        """Noise of a gyro sample, rad/s: its scatter since the last sign of motion, within half and once `sigma`."""
+        return min(max(self.gyro.sigma, 0.5 * sigma), sigma) if self.gyro.count >= RESTING else sigma
 
     def with_gyro(self, t_ns: int, yaw_rate: float, sigma: float) -> Stillness:
         """After a gyro sample of noise `sigma` (rad/s)."""

@@ -10,6 +10,7 @@ from scipy.stats import chi2
 
 from compass import YawIncrement, wrap_angle
 from fusion import GyroSample, OdometrySample, Sensor
+from fusion.standstill import Stillness
 
 DEG = math.radians(1.0)
 
@@ -159,6 +160,21 @@ def test_slow_turn_is_not_swallowed_by_standstill(sensors, rate_deg):
     fusion, errors = fuse(RobotDrive(t, rate * t, chosen))
     assert np.abs(errors).max() < 0.2 * DEG  # of 6 and 30 deg turned
     assert fusion.estimate().gyro_bias == pytest.approx(0.005, abs=0.001)
+
+
+def test_noise_of_a_resting_gyro_is_taken_from_its_scatter():
+    rng, claimed = np.random.default_rng(8), 0.0025
+
+    def rested(sigma):
+        stillness = Stillness(0)
+        for i in range(100):
+            stillness = stillness.with_gyro(i * 10**7, 0.004 + sigma * rng.normal(), claimed)
+        return stillness
+
+    # the scatter of 100 samples is known to 7 %
+    assert rested(0.0017).gyro_noise(claimed) == pytest.approx(0.0017, rel=0.2)
+    assert rested(0.0).gyro_noise(claimed) == 0.5 * claimed  # coarse steps are not silence
+    assert rested(0.0017).with_gyro(10**9, 0.1, claimed).gyro_noise(claimed) == claimed
 
 
 def test_gyro_alone_never_finds_standstill():
