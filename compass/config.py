@@ -26,6 +26,9 @@ class CompassConfig(ParameterSet):
     forward_column: float = parameter(
         0.5, "column that looks along the robot's +x, a fraction of image width", low=0.0, high=1.0
     )
+    horizon_row: float = parameter(
+        0.5, "row of the horizon when the robot stands level, a fraction of image height", low=0.0, high=1.0
+    )
     max_yaw_rate: float = parameter(
         3.0,
         "fastest turn to expect; a shift beyond it is believed only where nothing inside it matches",

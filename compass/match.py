@@ -46,6 +46,8 @@ class Match:
     spread_px : float
         How far the parts of the panorama moved apart, columns; infinite where a method does not know, which makes
         every image the next one's reference.
+    tilt : tuple of float
+        Rotation of the scene about x and y since the reference, rad; zero where a method does not know.
     """
 
     shift_px: float
@@ -53,6 +55,7 @@ class Match:
     confidence: float
     status: CompassStatus = CompassStatus.OK
     spread_px: float = math.inf
+    tilt: tuple[float, float] = (0.0, 0.0)
 
 
 Method = Callable[[Strip, Strip, Search], Match]

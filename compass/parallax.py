@@ -1,36 +1,46 @@
-"""Turn and parallax told apart by the sign of the parallax.
+"""Turn and parallax told apart: by the sign of the parallax, and by what grows.
 
-When the camera moves by a step t in direction phi, a point at azimuth a and distance d moves by ``-t sin(a - phi) / d``
-beside the turn: nothing ahead and behind, one sign on the left, the other on the right, and never the wrong sign,
-because distances are positive. Each sector's shift is therefore the turn, plus noise, plus a push of known sign and
-unknown size. Which direction, and how large the pushes typically are, is unknown too: every combination of a grid is a
-hypothesis, among them that of no push at all, and the turn's posterior is the sum over them.
+When the camera moves by a step t in direction phi, a point at azimuth a and distance d moves by
+``-rho sin(a - phi)`` beside the turn, ``rho = t / d``: nothing ahead and behind, one sign on the left, the other on the
+right, and never the wrong sign, because distances are positive. And it grows by ``rho cos(a - phi)``, as by no turn.
+Each sector's shift is therefore the turn, plus noise, plus a push of known sign whose size its growth tells, or, abeam
+where nothing grows, the size that pushes typically have. The direction and the typical size are unknown: every
+combination of a grid is a hypothesis, among them that of no push at all, and the turn's posterior is the sum over them.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import lru_cache
+from dataclasses import dataclass, fields
 
 import numpy as np
-import numpy.typing as npt
 
 from compass.correlation import Floats, Peak, signed
+from compass.growth import Growth, measure_growth
 from compass.local import SectorShifts, coarse_shift, local_shifts
 from compass.match import Match, Search
 from compass.sectors import match_sectors
-from compass.strip import Strip
+from compass.strip import Pixels, Strip
 
 NARROWEST = 256  # columns; sectors of fewer than eight cannot tell parallax apart
 SECTORS = 64
 PER_CIRCLE = 32.0  # Hann windows of 11 deg, half as far apart
-DIRECTIONS = 64  # directions of travel that are tried: all near the best of every eighth
-COARSE = 8
-SCALES_PX = (0.1, 0.3, 1.0, 3.0, 10.0)  # typical pushes that are tried
-PUSHES_PX = (0.0, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0)  # mean pushes that are tabulated, log-spaced after none
+COARSE = 8  # directions of travel that are tried first
+FINE = 2.0 * np.pi / 64 * np.arange(-4, 5)  # and then about the best of them, rad
+SCALES_PX = np.array([0.1, 0.3, 1.0, 3.0, 10.0], np.float32)  # typical pushes that are tried
+GROWTH_ERROR = 0.3  # of a growth itself: the parts of a sector lie at several distances
+GROWTH_FLOOR_PX = 0.1
+UNKNOWN_PX = 1e3
+MISLED = 0.15  # probability that a sector's growth has nothing to do with its push
+MISLED_PX = 3.0  # how large such a growth is
 OUTLIER = -8.0  # log-likelihood of a sector that fits nothing: people, reflections, wrong peaks
-INDEPENDENT = 0.5  # share of the sectors: each has half its columns in common with its neighbours
+INDEPENDENT = 0.4  # share of the sectors: each has half its columns in common with its neighbours
 GRID = 25
+SURELY = 0.999
+NEGLIGIBLE = 12.0  # log-likelihood below the best of a hypothesis that is dropped
+MODEL_ERROR_PX = 0.04  # what is left out of all this, as soon as anything is pushed
+PUSHED_PX = 1.0  # pushes beyond this without a fifth of it in growth
+TOO_LITTLE = 0.2
+ABEAM = 0.02  # cosine below which a growth says nothing
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,109 +52,206 @@ class Posterior:
     pure_turn: float
 
 
+@dataclass(frozen=True, slots=True)
+class SectorEvidence:
+    """Sectors that have an answer; arrays of one length, float32 but for the shift.
+
+    Attributes
+    ----------
+    azimuth : array
+        From the robot's +x to the left, rad.
+    shift_px, sigma_px : array
+        Shift to the right and its deviation, columns.
+    growth_px, growth_sigma_px : array
+        Growth and its deviation, columns; `UNKNOWN_PX` where it is not known.
+    """
+
+    azimuth: Pixels
+    shift_px: Floats
+    sigma_px: Pixels
+    growth_px: Pixels
+    growth_sigma_px: Pixels
+
+    def every_other(self) -> SectorEvidence:
+        """Half of the sectors, all round."""
+        return SectorEvidence(*(getattr(self, field.name)[::2] for field in fields(self)))
+
+
 def match_parallax(reference: Strip, current: Strip, search: Search) -> Match:
-    """Shift of each sector, and the turn that explains them with pushes of the right sign."""
+    """Shift and growth of each sector, and the turn that explains them with pushes of the right sign and size."""
     if reference.columns < NARROWEST:
         return match_sectors(reference, current, search)
     coarse, status = coarse_shift(reference, current, search)
     sectors = local_shifts(reference, current, coarse.shift_px, SECTORS, PER_CIRCLE)
     if sectors.shift_px.size < SECTORS // 8:
         return Match(coarse.shift_px, np.inf, max(coarse.value, 0.0))
-    posterior = turn_posterior(sectors, search.forward_px, reference.columns)
-    turn, variance = _with_pooled(posterior, coarse, reference.pixels.size)
-    spread = float(np.percentile(np.abs(sectors.shift_px - turn), 75))
+    growth = measure_growth(reference, current, sectors, SECTORS, PER_CIRCLE)
+    tilt = (0.0, 0.0) if growth is None else (float(growth.tilt[0]), float(growth.tilt[1]))
+    evidence = _evidence(sectors, growth, search.forward_px, reference.columns)
+    posterior = turn_posterior(evidence)
+    spread = _quantile(np.abs(evidence.shift_px - posterior.mean_px), 0.75)
+    turn, variance = _with_pooled(posterior, coarse, reference.pixels.size, MODEL_ERROR_PX * min(spread, 1.0))
     confidence = float(np.clip(sectors.mean_correlation, 0.0, 1.0))
-    return Match(float(signed(turn, reference.columns)), variance, confidence, status, spread)
+    shift = float(signed(turn, reference.columns))
+    return Match(shift, variance, confidence, status, spread, tilt)
 
 
-def turn_posterior(sectors: SectorShifts, forward_px: float, columns: int) -> Posterior:
-    """Posterior of the turn from the shifts of sectors, on a grid that closes in on it."""
-    index = np.round(sectors.centre_px * SECTORS / columns).astype(np.intp)
-    expected = _hypotheses(columns, forward_px)
-    chosen = _hypotheses_of(np.arange(0, DIRECTIONS, COARSE))
-    low, high = (float(edge) for edge in np.percentile(sectors.shift_px, (3, 97)))
-    low, high = low - 0.3, high + 0.3
+def _evidence(sectors: SectorShifts, growth: Growth | None, forward_px: float, columns: int) -> SectorEvidence:
+    """Sectors with the tilt's share taken out of their shifts."""
+    azimuth: Floats = -2.0 * np.pi * (sectors.centre_px - forward_px) / columns
+    shift: Floats
+    sigma: Floats
+    shift, grown, sigma = sectors.shift_px, np.zeros_like(azimuth), np.full_like(azimuth, UNKNOWN_PX)
+    if growth is not None:
+        index = np.round(sectors.centre_px * SECTORS / columns).astype(np.intp) % SECTORS
+        grown, shift = growth.growth_px[index], shift - growth.aside_px[index]
+        if not _without_height(shift, grown):
+            sigma = np.sqrt(growth.sigma_px[index] ** 2 + GROWTH_FLOOR_PX**2 + (GROWTH_ERROR * grown) ** 2)
+    return SectorEvidence(_single(azimuth), shift, _single(sectors.sigma_px), _single(grown), _single(sigma))
+
+
+def _single(values: Floats) -> Pixels:
+    return values.astype(np.float32)
+
+
+def _without_height(shift_px: Floats, growth_px: Floats) -> bool:
+    """Whether sectors were pushed apart but did not grow: no equirectangular panorama, or nothing but upright lines."""
+    pushed = _quantile(np.abs(shift_px - _quantile(shift_px, 0.5)), 0.75)
+    return pushed > PUSHED_PX and _quantile(np.abs(growth_px), 0.75) < TOO_LITTLE * pushed
+
+
+def _quantile(values: Floats, share: float) -> float:
+    """The value at this share of the sorted ones; `np.quantile` takes fifty times as long for so few."""
+    return float(np.sort(values)[int(share * (values.size - 1) + 0.5)])
+
+
+def turn_posterior(sectors: SectorEvidence) -> Posterior:
+    """Posterior of the turn from the shifts and growths of sectors, on a grid that closes in on it.
+
+    First every other sector is asked, for all directions and scales; then all of them for those near the best.
+    """
+    low, high = _quantile(sectors.shift_px, 0.03) - 0.3, _quantile(sectors.shift_px, 0.97) + 0.3
+    asked = sectors.every_other()
+    directions, scales = 2.0 * np.pi / COARSE * np.arange(COARSE), SCALES_PX
     while True:
         grid, step = np.linspace(low, high, GRID, retstep=True)
-        likelihood = INDEPENDENT * (expected[chosen] @ _log_likelihoods(sectors, index, grid))
-        each = np.exp(likelihood - likelihood.max())
-        weight = each.sum(axis=0, dtype=np.float64)
-        pure = float(each[0].sum() / weight.sum())
-        weight /= weight.sum()
-        mean = float(weight @ grid)
-        variance = float(weight @ (grid - mean) ** 2)
-        if variance > step**2 or step < 1e-4:
-            return Posterior(mean, variance + float(step**2) / 12.0, pure)
-        best, at = np.unravel_index(likelihood.argmax(), likelihood.shape)
-        if best:
-            direction = (chosen[best] - 1) // len(SCALES_PX)
-            chosen = _hypotheses_of((direction + np.arange(-COARSE // 2, COARSE // 2 + 1)) % DIRECTIONS)
+        residual = (asked.shift_px[:, None] - grid).astype(np.float32)
+        pushed = INDEPENDENT * _log_likelihood_pushed(asked, directions, scales, residual)
+        unpushed = INDEPENDENT * _log_likelihood_unpushed(asked, residual)
+        likelihood = np.vstack([unpushed, pushed.reshape(-1, GRID)])
+        at = int(likelihood.argmax()) % GRID
+        if asked is sectors:
+            each = np.exp(likelihood - likelihood.max())
+            weight = each.sum(axis=0, dtype=np.float64)
+            pure = float(each[0].sum() / weight.sum())
+            weight /= weight.sum()
+            mean = float(weight @ grid)
+            variance = float(weight @ (grid - mean) ** 2)
+            if variance > step**2 or pure > SURELY or step < 1e-4:
+                return Posterior(mean, variance + float(step**2) / 12.0, pure)
+        peaks = pushed.max(axis=2)
+        if asked is sectors:
+            likely = peaks > peaks.max() - NEGLIGIBLE
+            directions, scales = directions[likely.any(axis=1)], scales[likely.any(axis=0)]
+        else:
+            direction, scale = np.unravel_index(int(peaks.argmax()), peaks.shape)
+            directions, scales = directions[direction] + FINE, scales[max(scale - 1, 0) : scale + 2]
+        asked = sectors
         low, high = float(grid[at]) - 3.0 * step, float(grid[at]) + 3.0 * step
 
 
-def _hypotheses_of(directions: npt.NDArray[np.intp]) -> npt.NDArray[np.intp]:
-    """Indices of the hypothesis of no push, and of all those with these directions."""
-    scales = len(SCALES_PX)
-    return np.concatenate([[0], (1 + directions[:, None] * scales + np.arange(scales)).ravel()])
+def _log_likelihood_unpushed(sectors: SectorEvidence, residual: Pixels) -> Pixels:
+    """Of each turn of the grid if nothing but a turn happened."""
+    sigma = sectors.sigma_px[:, None]
+    misled = _log_misled(sectors)
+    grown = _log_normal(sectors.growth_px, sectors.growth_sigma_px) + np.log(1.0 - MISLED)
+    shifted = -0.5 * (residual / sigma) ** 2 - np.log(2.5 * sigma)
+    total = shifted + np.maximum(grown, misled + np.log(MISLED))[:, None]
+    likelihood: Pixels = np.maximum(total, (misled + OUTLIER)[:, None]).sum(axis=0)
+    return likelihood
 
 
-def _log_likelihoods(sectors: SectorShifts, index: npt.NDArray[np.intp], grid: Floats) -> npt.NDArray[np.float32]:
-    """Log-likelihood of each sector's shift for each tabulated mean push, each sign, each turn of the grid.
+def _log_likelihood_pushed(sectors: SectorEvidence, directions: Floats, scales: Pixels, residual: Pixels) -> Pixels:
+    """Of each turn of the grid for each direction of travel and each typical push.
 
-    Noise is normal, a push exponential. Their convolution is approximated by one expression that is the normal for
-    the wrong sign and for small pushes, and the exponential for large ones.
+    Noise is normal, a push a priori exponential. Their convolution is approximated by one expression that is the normal
+    for the wrong sign and for small pushes, and the exponential for large ones. A push whose size the growth tells is
+    normal. Which of the two holds is decided by the larger, weighted by how much the growth leaves unknown.
 
-    Returns
-    -------
-    (2 * pushes * SECTORS, GRID) array
-        Zero for sectors without an answer.
-    """
-    residual = (sectors.shift_px[:, None] - grid).astype(np.float32)
-    sigma = sectors.sigma_px[:, None].astype(np.float32)
-    square = residual * residual
-    mean = np.asarray(PUSHES_PX, np.float32)[:, None, None]
-    table = np.empty((2, len(PUSHES_PX), *residual.shape), np.float32)
-    for sign, pushed in enumerate((np.maximum(residual, 0.0), np.maximum(-residual, 0.0))):
-        np.multiply(mean, pushed, out=table[sign])
-    table += 2.0 * sigma * sigma
-    np.divide(square, table, out=table)
-    table += np.log(mean + 2.5 * sigma)
-    everywhere = np.zeros((2, len(PUSHES_PX), SECTORS, grid.size), np.float32)
-    everywhere[:, :, index] = np.maximum(-table, np.float32(OUTLIER))
-    return everywhere.reshape(-1, grid.size)
-
-
-@lru_cache(maxsize=4)
-def _hypotheses(columns: int, forward_px: float) -> npt.NDArray[np.float32]:
-    """Which mean push each hypothesis expects of each sector, as weights of the tabulated ones.
+    Parameters
+    ----------
+    directions, scales : arrays
+        Of travel, rad, and typical pushes, columns.
+    residual : (sectors, GRID) array
+        Shifts less each turn of the grid, columns.
 
     Returns
     -------
-    (1 + DIRECTIONS * scales, 2 * pushes * SECTORS) array
-        The first hypothesis is a turn without any push. First pushes to the right, then to the left.
+    (directions, scales, GRID) array
     """
-    azimuth = -2.0 * np.pi * (np.arange(SECTORS) / SECTORS - forward_px / columns)
-    weights = np.zeros((1 + DIRECTIONS * len(SCALES_PX), 2, len(PUSHES_PX), SECTORS), np.float32)
-    weights[0, 0, 0] = 1.0
-    level = np.log(PUSHES_PX[1:])
-    for index in range(DIRECTIONS * len(SCALES_PX)):
-        direction, scale = divmod(index, len(SCALES_PX))
-        across = np.sin(azimuth - 2.0 * np.pi * direction / DIRECTIONS)
-        push = np.log(np.maximum(SCALES_PX[scale] * np.abs(across), PUSHES_PX[1]))
-        position = np.interp(push, level, 1.0 + np.arange(level.size))
-        below = np.minimum(position.astype(int), len(PUSHES_PX) - 2)
-        sign = np.where(across > 0.0, 1, 0)  # what lies to the left of the way moves left
-        sector = np.arange(SECTORS)
-        weights[1 + index, sign, below, sector] = 1.0 - (position - below)
-        weights[1 + index, sign, below + 1, sector] = position - below
-    return weights.reshape(len(weights), -1)
+    aside = sectors.azimuth - directions[:, None].astype(np.float32)
+    sine, cosine = np.sin(aside), np.cos(aside)
+    steep = np.maximum(np.abs(cosine), ABEAM)
+    ahead = sectors.growth_px * np.sign(cosine)
+    size_sigma = sectors.growth_sigma_px / steep
+    told = _log_told(sectors, -ahead / steep * sine, np.abs(sine) * size_sigma, residual)
+    grown = _log_exponential(ahead, sectors.growth_sigma_px, scales[:, None] * steep[:, None])
+    unknown = 1.0 / (1.0 + (scales[:, None] / size_sigma[:, None]) ** 2)
+    misled = _log_misled(sectors)
+    weight_told = grown + np.log((1.0 - MISLED) * (1.0 - unknown) + 1e-9)
+    weight_typical = np.maximum(grown + np.log((1.0 - MISLED) * unknown + 1e-9), misled + np.log(MISLED))
+    total = _log_typical(sectors, sine, scales, weight_typical, residual)
+    np.maximum(total, told[:, None] + weight_told[..., None], out=total)
+    np.maximum(total, (misled + OUTLIER)[:, None], out=total)
+    likelihood: Pixels = total.sum(axis=2)
+    return likelihood
 
 
-def _with_pooled(posterior: Posterior, coarse: Peak, pixels: int) -> tuple[float, float]:
+def _log_typical(sectors: SectorEvidence, sine: Pixels, scales: Pixels, weight: Pixels, residual: Pixels) -> Pixels:
+    """(directions, scales, sectors, GRID) log-likelihood of each shift if all that is known of pushes is their mean."""
+    sigma = sectors.sigma_px
+    mean = scales[:, None] * np.abs(sine)[:, None]
+    to_the_right = np.where(sine > 0.0, -1.0, 1.0).astype(np.float32)  # what lies to the left of the way moves left
+    pushed = np.maximum(residual * to_the_right[..., None], 0.0)
+    total: Pixels = mean[..., None] * pushed[:, None]
+    total += (2.0 * sigma * sigma)[:, None]
+    np.divide(-residual * residual, total, out=total)
+    total += (weight - np.log(mean + 2.5 * sigma))[..., None]
+    return total
+
+
+def _log_told(sectors: SectorEvidence, push: Floats, push_sigma: Floats, residual: Pixels) -> Pixels:
+    """(directions, sectors, GRID) log-likelihood of each shift if its growth tells the push."""
+    variance = sectors.sigma_px**2 + push_sigma**2
+    total = residual - push[..., None].astype(np.float32)
+    total *= total
+    total *= (-0.5 / variance)[..., None]
+    total -= (0.5 * np.log(2.0 * np.pi * variance))[..., None]
+    return total
+
+
+def _log_exponential(ahead: Pixels, sigma: Pixels, mean: Pixels) -> Pixels:
+    """(directions, scales, sectors) log-likelihood of each growth, positive ahead, if pushes have a known mean."""
+    grown = ahead[:, None]
+    return -(grown**2) / (2.0 * sigma**2 + mean * np.maximum(grown, 0.0)) - np.log(mean + 2.5 * sigma)
+
+
+def _log_misled(sectors: SectorEvidence) -> Floats:
+    """Log-likelihood of each growth if it has nothing to do with a push."""
+    return _log_normal(sectors.growth_px, np.hypot(sectors.growth_sigma_px, MISLED_PX))
+
+
+def _log_normal(value: Floats, sigma: Floats) -> Floats:
+    density: Floats = -0.5 * (value / sigma) ** 2 - np.log(2.5 * sigma)
+    return density
+
+
+def _with_pooled(posterior: Posterior, coarse: Peak, pixels: int, model_error_px: float) -> tuple[float, float]:
     """Where nothing but a turn happened, all rows pooled know it best: they reach the Cramer-Rao bound."""
+    pushed = posterior.variance_px2 + model_error_px**2
     bound = 2.0 * max(1.0 - coarse.value, 1e-6) / (pixels * max(-coarse.curvature, 1e-12))
     apart = coarse.shift_px - posterior.mean_px
-    pure = posterior.pure_turn if apart**2 < 9.0 * posterior.variance_px2 else 0.0
+    pure = posterior.pure_turn if apart**2 < 9.0 * pushed else 0.0
     turn = posterior.mean_px + pure * apart
-    variance = pure * bound + (1.0 - pure) * posterior.variance_px2 + pure * (1.0 - pure) * apart**2
+    variance = pure * bound + (1.0 - pure) * pushed + pure * (1.0 - pure) * apart**2
     return turn, variance

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import cv2
@@ -19,7 +20,7 @@ Spectrum = npt.NDArray[np.complex64]
 SMOOTHED_ROWS = 40
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Strip:
     """A panorama's region of interest, ready to be compared.
 
@@ -31,12 +32,24 @@ class Strip:
         Grey values with the mean of each row taken out.
     contrast : float
         Standard deviation of `pixels`, grey values of 255.
+    image_shape : tuple of int
+        Of the image it was cut from.
+    top, row_height : float
+        Elevation of the upper edge and height of one row, rad.
     """
 
     t_ns: int
     pixels: Pixels
     contrast: float
     image_shape: tuple[int, ...] = ()
+    top: float = 0.0
+    row_height: float = 0.0
+
+    def with_pixels(self, pixels: Pixels) -> Strip:
+        """The same strip with other grey values, whose rows' means are taken out."""
+        pixels = pixels - pixels.mean(axis=1, keepdims=True)
+        contrast = float(np.sqrt(np.vdot(pixels, pixels) / pixels.size))
+        return replace(self, pixels=pixels, contrast=contrast)
 
     @property
     def columns(self) -> int:
@@ -60,13 +73,31 @@ class Strip:
         Without the highest frequencies a spline through the correlation at whole lags errs by thousandths of a
         column, with them by hundredths.
         """
-        merged = -(-self.pixels.shape[0] // SMOOTHED_ROWS)
+        merged = self._merged
         rows = self.pixels.shape[0] // merged
         groups = self.pixels[: rows * merged].reshape(rows, merged, -1).sum(axis=1)
         groups *= np.float32(0.25 / merged)
         wrapped = np.concatenate([groups[:, -1:], groups, groups[:, :1]], axis=1)
         smoothed: Pixels = wrapped[:, :-2] + 2.0 * wrapped[:, 1:-1] + wrapped[:, 2:]
         return smoothed
+
+    @property
+    def _merged(self) -> int:
+        """Rows of `pixels` in one of `smoothed`."""
+        return -(-len(self.pixels) // SMOOTHED_ROWS)
+
+    @cached_property
+    def softened(self) -> Pixels:
+        """`smoothed` with its rows averaged by 1 2 1 as well, which a derivative up and down needs."""
+        padded = np.pad(self.smoothed, ((1, 1), (0, 0)), mode="edge")
+        softened: Pixels = 0.25 * (padded[:-2] + padded[2:]) + 0.5 * padded[1:-1]
+        return softened
+
+    @cached_property
+    def elevations(self) -> npt.NDArray[np.floating]:
+        """Elevation of the middle of each row of `smoothed`, rad."""
+        row = np.arange(self.smoothed.shape[0]) + 0.5
+        return self.top - row * self.row_height * self._merged
 
     @cached_property
     def texture(self) -> float:
@@ -80,7 +111,8 @@ def prepare_strip(t_ns: int, image: Image, config: CompassConfig, encoding: str 
     The strip is never larger than its source: enlarging adds no information, and interpolating over the seam where
     the panorama's circle is cut would add a false one.
     """
-    grey = to_grey(_region(image, config), encoding)
+    region = _region(image, config)
+    grey = to_grey(region, encoding)
     height, width = grey.shape
     merged = -(-height // config.rows)  # whole rows merged into one: exact, and quick
     rows, columns = height // merged, min(config.columns, width)
@@ -91,7 +123,9 @@ def prepare_strip(t_ns: int, image: Image, config: CompassConfig, encoding: str 
         small *= np.float32(1.0 / 257.0)
     small -= small.mean(axis=1, keepdims=True)
     contrast = float(np.sqrt(np.vdot(small, small) / small.size))
-    return Strip(t_ns, small, contrast, image.shape)
+    per_row = math.tau / width  # square pixels
+    above = config.horizon_row * image.shape[0] - _top(image.shape[0], config)
+    return Strip(t_ns, small, contrast, image.shape, above * per_row, merged * per_row)
 
 
 def _region(image: Image, config: CompassConfig) -> Image:
@@ -99,5 +133,10 @@ def _region(image: Image, config: CompassConfig) -> Image:
     if not isinstance(image, np.ndarray) or image.ndim < 2:
         return image  # to_grey says what is wrong
     height = image.shape[0]
-    top = min(round(config.roi_top * height), height - 1)
-    return image[max(top, 0) : max(round(config.roi_bottom * height), top + 1)]
+    top = _top(height, config)
+    return image[top : max(round(config.roi_bottom * height), top + 1)]
+
+
+def _top(height: int, config: CompassConfig) -> int:
+    """First row of the region of interest."""
+    return max(min(round(config.roi_top * height), height - 1), 0)

@@ -8,6 +8,7 @@ from collections import Counter
 import numpy as np
 
 from compass.angles import wrap_angle
+from compass.attitude import Tilted
 from compass.config import CompassConfig
 from compass.image import Image
 from compass.increment import CompassStatus, YawIncrement
@@ -63,6 +64,8 @@ class VisualCompass:
         self._keyframe: Strip | None = None  # what images are compared with, and the yaw there
         self._keyframe_yaw = 0.0
         self._keyframe_variance = 0.0
+        self._keyframe_leans = Tilted()
+        self._leans = Tilted()  # at the last good image
         self._last: Strip | None = None  # the last image that gave an increment, or the keyframe
         self._newest: Strip | None = None  # the last image whatever came of it
         self._still_since_ns = 0
@@ -134,6 +137,7 @@ class VisualCompass:
         """Compare with this strip from now on; what turned meanwhile is not known."""
         self._keyframe = self._last = strip if strip.texture >= MIN_TEXTURE else None
         self._keyframe_yaw, self._keyframe_variance = self.yaw, self.yaw_variance
+        self._keyframe_leans = self._leans = Tilted()
         self._unmatched_since_ns = None
 
     def _compare(self, keyframe: Strip, strip: Strip) -> Match:
@@ -156,6 +160,7 @@ class VisualCompass:
         """Let the last good image be the keyframe: its increment from the old one has been given."""
         self._keyframe = self._last
         self._keyframe_yaw, self._keyframe_variance = self.yaw, self.yaw_variance
+        self._keyframe_leans = self._leans
 
     def _judge_match(self, match: Match) -> CompassStatus:
         if not match.confidence >= self.config.min_confidence or not math.isfinite(match.variance_px2):
@@ -172,11 +177,12 @@ class VisualCompass:
     def _accept(self, strip: Strip, match: Match) -> YawIncrement:
         keyframe = self._keyframe or strip
         per_px = math.tau / keyframe.columns
-        turn = match.shift_px * per_px
+        leans, turn = self._keyframe_leans.after(match.shift_px * per_px, match.tilt)
         variance = match.variance_px2 * per_px**2
         self.yaw += wrap_angle(self._keyframe_yaw + turn - self.yaw)
         self.yaw_variance = self._keyframe_variance + variance
         self._last = strip
+        self._leans = leans.later((strip.t_ns - keyframe.t_ns) * 1e-9)
         self._unmatched_since_ns = None
         if match.spread_px > self.config.keyframe_spread:
             self._move_keyframe()

@@ -1,0 +1,55 @@
+"""From turns about the camera's own axis to its heading.
+
+A camera that rolls and pitches as it turns comes back to the same view with another heading: rotations do not commute.
+Three degrees of tilt make an eighth of a degree, each time anew.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+LEVELS_S = 5.0  # in which a tilt that is not confirmed is forgotten: it is summed up from image to image
+
+
+@dataclass(frozen=True, slots=True)
+class Tilted:
+    """How the camera leans, its heading left out.
+
+    Attributes
+    ----------
+    matrix : (3, 3) array
+        Rotation from the camera's frame to that of its heading.
+    """
+
+    matrix: npt.NDArray[np.float64] = field(default_factory=lambda: np.eye(3))
+
+    def after(self, turn: float, tilt: tuple[float, float]) -> tuple[Tilted, float]:
+        """How it leans, and how its heading has changed, rad, once the scene has rotated by `tilt` and then turned.
+
+        Parameters
+        ----------
+        turn : float
+            Of the camera about its own axis, rad, to the left.
+        tilt : tuple of float
+            Rotation of the scene about the camera's x and y before that, rad.
+        """
+        cosine, sine = math.cos(turn), math.sin(turn)
+        about_axis = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
+        leant = self.matrix @ _rotation(-tilt[0], -tilt[1], 0.0) @ about_axis
+        heading = math.atan2(leant[1, 0], leant[0, 0])
+        return Tilted(_rotation(0.0, 0.0, -heading) @ leant), heading
+
+    def later(self, seconds: float) -> Tilted:
+        """The same some time later: level again, little by little."""
+        rotation = cv2.Rodrigues(self.matrix)[0].ravel() * math.exp(-max(seconds, 0.0) / LEVELS_S)
+        return Tilted(_rotation(*rotation.tolist()))
+
+
+def _rotation(x: float, y: float, z: float) -> npt.NDArray[np.float64]:
+    """Matrix of a rotation vector, rad."""
+    return np.asarray(cv2.Rodrigues(np.array([x, y, z]))[0], np.float64)

@@ -1,0 +1,192 @@
+"""How much each part of the panorama grew, and how the camera tilted: what moved up and down.
+
+A point at elevation e that comes nearer rises by ``rho cos(a - phi) sin(e) cos(e)`` while it is pushed aside by
+``-rho sin(a - phi)``, where ``rho = step / distance`` and ``phi`` is the direction of travel. The growth of a sector,
+``rho cos(a - phi)``, is therefore a second look at the parallax that `parallax` has to take out, and turning has no
+part in it. A tilt moves everything up on one side and down on the other, near and far alike, at the horizon too, where
+nothing grows: there it is read off first.
+
+Both by least squares on the image gradient (Lucas and Kanade 1981), once the columns have been brought over each other.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+import numpy.typing as npt
+
+from compass.correlation import Floats
+from compass.local import SectorShifts, sector_windows
+from compass.strip import Pixels, Strip
+
+HORIZON = np.deg2rad(6.0)  # elevations between which a tilt is read off
+FEWEST_ROWS = 6  # in that band, and thrice as many in all
+CORRELATED_PIXELS = 4.0  # that share their error
+TILT_FLOOR_PX = 0.05  # what a sector's reading of the tilt cannot be better than, columns
+TILT_OUTLIER = 2.0  # deviations from where on a sector has less to say about the tilt
+TILT_ROUNDS = 3
+RIDGE = 1e-3
+
+SHIFT, GAIN, GROWTH, RISE, SHEAR = range(
+    5
+)  # how a sector's grey values can change; the rows and columns of its normal matrix
+
+
+@dataclass(frozen=True, slots=True)
+class Growth:
+    """What moved up and down, per sector of a full circle.
+
+    Attributes
+    ----------
+    growth_px : (sectors,) array
+        Step over distance times the cosine between sector and direction of travel, columns (1 rad is columns / 2 pi).
+    sigma_px : (sectors,) array
+        Its standard deviation from image noise.
+    aside_px : (sectors,) array
+        How far the tilt moved the sector to the right on average, columns.
+    tilt : (2,) array
+        Rotation of the scene about x and y of the camera, rad; the camera's own is the opposite.
+    """
+
+    growth_px: Floats
+    sigma_px: Floats
+    aside_px: Floats
+    tilt: Floats
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Gradients:
+    """What a keyframe is asked for with every image."""
+
+    changes: Pixels  # (5, rows, columns): SHIFT..SHEAR, by which the grey values change per column of motion
+    normal: Floats  # (sectors, 5, 5)
+    band: slice  # rows about the horizon
+    band_inverse: Floats  # (sectors, 4, 4)
+    inverse: Floats  # (sectors, 3, 3)
+
+
+def measure_growth(
+    reference: Strip, current: Strip, sectors: SectorShifts, count: int, per_circle: float
+) -> Growth | None:
+    """Growth of each sector and the tilt between two strips.
+
+    Parameters
+    ----------
+    sectors : SectorShifts
+        Where each sector lies now.
+    count, per_circle : int, float
+        Number and width of the sectors, as in `local_shifts`.
+
+    Returns
+    -------
+    Growth or None
+        None where the strip does not show the horizon and enough above it.
+    """
+    keyframe = _gradients(reference, count, per_circle)
+    if keyframe is None:
+        return None
+    columns = reference.columns
+    windows = sector_windows(columns, count, per_circle)
+    change = _brought_over(current.softened, sectors, columns) - reference.softened
+    change[0] = change[-1] = 0.0
+    products = np.einsum("irx,rx->ix", keyframe.changes, change)
+    products = (products @ windows.T).T.astype(np.float64)
+    energy = windows @ np.einsum("rx,rx->x", change, change)
+    pixels = windows.sum(axis=1) * change.shape[0] / CORRELATED_PIXELS
+
+    azimuth = -np.pi * (2.0 * np.arange(count) / count - 1.0)
+    per_rad = columns / (2.0 * np.pi)
+    answered = np.zeros(count, bool)
+    answered[np.round(sectors.centre_px * count / columns).astype(np.intp) % count] = True
+    tilt = _tilt(keyframe, change, windows, answered, per_rad, azimuth)
+    sine, cosine = np.sin(azimuth), np.cos(azimuth)
+    by_tilt = per_rad * np.stack([sine * tilt[0] - cosine * tilt[1], -cosine * tilt[0] - sine * tilt[1]], axis=1)
+
+    rest = products[:, :RISE] - np.einsum("kij,kj->ki", keyframe.normal[:, :RISE, RISE:], by_tilt)
+    solution = np.einsum("kij,kj->ki", keyframe.inverse, rest)
+    left = (
+        energy
+        - np.einsum("ki,ki->k", solution, products[:, :RISE])
+        - np.einsum("ki,ki->k", by_tilt, products[:, RISE:])
+    )
+    variance = np.maximum(left, 1e-3) / pixels * keyframe.inverse[:, GROWTH, GROWTH]
+    shear = keyframe.normal[:, SHIFT, SHEAR] / np.maximum(keyframe.normal[:, SHIFT, SHIFT], 1e-9)
+    return Growth(solution[:, GROWTH], np.sqrt(variance), -shear * by_tilt[:, 1], tilt)
+
+
+def _tilt(
+    keyframe: _Gradients,
+    change: Pixels,
+    windows: Pixels,
+    answered: npt.NDArray[np.bool_],
+    per_rad: float,
+    azimuth: Floats,
+) -> Floats:
+    """Rotation of the scene about x and y, rad, from how much each sector rose at the horizon."""
+    band = change[keyframe.band]
+    products = np.einsum("irx,rx->ix", keyframe.changes[:SHEAR, keyframe.band], band)
+    products = (products @ windows.T).T.astype(np.float64)
+    solution = np.einsum("kij,kj->ki", keyframe.band_inverse, products)
+    left = windows @ np.einsum("rx,rx->x", band, band) - np.einsum("ki,ki->k", solution, products)
+    pixels = windows.sum(axis=1) * band.shape[0] / CORRELATED_PIXELS
+    variance = np.maximum(left, 1e-3) / pixels * keyframe.band_inverse[:, RISE, RISE] + TILT_FLOOR_PX**2
+    design = per_rad * np.stack([np.sin(azimuth), -np.cos(azimuth)], axis=1)
+    tilt = np.zeros(2)
+    for _ in range(TILT_ROUNDS):
+        apart = (solution[:, RISE] - design @ tilt) ** 2 / variance
+        weighted = design * (answered / variance / (1.0 + apart / TILT_OUTLIER**2))[:, None]
+        tilt = np.linalg.solve(weighted.T @ design + RISE * RIDGE * np.eye(2), weighted.T @ solution[:, RISE])
+    return tilt
+
+
+@lru_cache(maxsize=4)
+def _gradients(strip: Strip, count: int, per_circle: float) -> _Gradients | None:
+    """Gradients of a strip, weighted by all that can move it; None without a horizon."""
+    soft, elevation = strip.softened, strip.elevations
+    band = np.flatnonzero(np.abs(elevation) < HORIZON)
+    if band.size < FEWEST_ROWS or elevation.size < 3 * FEWEST_ROWS:
+        return None
+    columns = strip.columns
+    per_row = float(elevation[0] - elevation[-1]) / (elevation.size - 1) * columns / (2.0 * np.pi)
+    padded = np.pad(soft, ((2, 2), (0, 0)), mode="edge")
+    rise = (8.0 * (padded[3:-1] - padded[1:-3]) - padded[4:] + padded[:-4]) / np.float32(12.0 * per_row)  # five points
+    right = 0.5 * (np.roll(soft, -1, axis=1) - np.roll(soft, 1, axis=1))
+    e = elevation.astype(np.float32)[:, None]
+    changes = np.stack([right, soft, rise * (np.sin(e) * np.cos(e)), rise, right * np.tan(e)])
+    changes[:, [0, -1]] = 0.0
+    windows = sector_windows(columns, count, per_circle)
+    rows = slice(int(band[0]), int(band[-1]) + 1)
+    normal = _normal(changes, windows)
+    return _Gradients(
+        changes,
+        normal,
+        rows,
+        np.linalg.inv(_normal(changes[:SHEAR, rows], windows)),
+        np.linalg.inv(normal[:, :RISE, :RISE]),
+    )
+
+
+def _normal(changes: Pixels, windows: Pixels) -> Floats:
+    """(sectors, n, n) normal matrices, with a ridge."""
+    products = np.einsum("irx,jrx->ijx", changes, changes) @ windows.T
+    normal: Floats = np.moveaxis(products, 2, 0).astype(np.float64)
+    size = normal.shape[1]
+    ridge = RIDGE / size * np.trace(normal, axis1=1, axis2=2) + 1e-6
+    normal += ridge[:, None, None] * np.eye(size)
+    return normal
+
+
+def _brought_over(pixels: Pixels, sectors: SectorShifts, columns: int) -> Pixels:
+    """Columns of the current strip over those of the reference they belong to."""
+    shift = np.interp(np.arange(columns), sectors.centre_px, sectors.shift_px, period=columns)
+    position = (np.arange(columns) + shift) % columns
+    whole = position.astype(np.intp)
+    part = (position - whole).astype(np.float32)
+    left = np.take(pixels, whole % columns, axis=1)
+    right = np.take(pixels, (whole + 1) % columns, axis=1)
+    right -= left
+    right *= part
+    right += left
+    return right
