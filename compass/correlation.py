@@ -57,7 +57,7 @@ def correlate_rows(reference: Strip, current: Strip) -> Floats:
 def pooled_spectrum(reference: Strip, current: Strip) -> npt.NDArray[np.complex64]:
     """Cross-spectrum of all rows together, normalised so that a perfect match correlates to 1."""
     energy = reference.contrast * current.contrast * reference.pixels.size
-    spectrum = np.einsum("rk,rk->k", reference.conjugate, current.spectrum)
+    spectrum = (reference.conjugate * current.spectrum).sum(axis=0)
     return spectrum / np.float32(max(energy, 1e-12))  # type: ignore[no-any-return]
 
 

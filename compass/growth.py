@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from compass.correlation import Floats
-from compass.local import SectorShifts, sector_windows
+from compass.local import SectorShifts, sector_sums, sector_windows
 from compass.strip import Pixels, Strip
 
 HORIZON = np.deg2rad(6.0)  # elevations between which a tilt is read off
@@ -92,9 +92,9 @@ def measure_growth(
     change = _brought_over(current.softened, sectors, columns) - reference.softened
     change[0] = change[-1] = 0.0
     products = np.einsum("irx,rx->ix", keyframe.changes, change)
-    products = (products @ windows.T).T.astype(np.float64)
-    energy = windows @ np.einsum("rx,rx->x", change, change)
-    pixels = windows.sum(axis=1) * change.shape[0] / CORRELATED_PIXELS
+    products = sector_sums(products, count, per_circle).T.astype(np.float64)
+    energy = sector_sums(np.einsum("rx,rx->x", change, change), count, per_circle)
+    pixels = float(windows[0].sum()) * change.shape[0] / CORRELATED_PIXELS
 
     azimuth = -np.pi * (2.0 * np.arange(count) / count - 1.0)
     per_rad = columns / (2.0 * np.pi)
@@ -130,7 +130,7 @@ def _tilt(
     products = (products @ windows.T).T.astype(np.float64)
     solution = np.einsum("kij,kj->ki", keyframe.band_inverse, products)
     left = windows @ np.einsum("rx,rx->x", band, band) - np.einsum("ki,ki->k", solution, products)
-    pixels = windows.sum(axis=1) * band.shape[0] / CORRELATED_PIXELS
+    pixels = float(windows[0].sum()) * band.shape[0] / CORRELATED_PIXELS
     variance = np.maximum(left, 1e-3) / pixels * keyframe.band_inverse[:, RISE, RISE] + TILT_FLOOR_PX**2
     design = per_rad * np.stack([np.sin(azimuth), -np.cos(azimuth)], axis=1)
     tilt = np.zeros(2)
@@ -170,9 +170,12 @@ def _gradients(strip: Strip, count: int, per_circle: float) -> _Gradients | None
 
 def _normal(changes: Pixels, windows: Pixels) -> Floats:
     """(sectors, n, n) normal matrices, with a ridge."""
-    products = np.einsum("irx,jrx->ijx", changes, changes) @ windows.T
-    normal: Floats = np.moveaxis(products, 2, 0).astype(np.float64)
-    size = normal.shape[1]
+    size = len(changes)
+    normal = np.empty((len(windows), size, size))
+    for one in range(size):
+        for other in range(one + 1):
+            normal[:, one, other] = windows @ np.einsum("rx,rx->x", changes[one], changes[other])
+            normal[:, other, one] = normal[:, one, other]
     ridge = RIDGE / size * np.trace(normal, axis1=1, axis2=2) + 1e-6
     normal += ridge[:, None, None] * np.eye(size)
     return normal

@@ -95,18 +95,17 @@ def local_shifts(reference: Strip, current: Strip, coarse_px: float, sectors: in
         How many of their width make a full circle.
     """
     columns = reference.columns
-    windows = sector_windows(columns, sectors, per_circle)
     reach = min(REACH_PX, columns // 4)
     if reach <= TAPS or columns < 2 * per_circle:  # an image too narrow to have sectors
         nothing = np.empty(0)
         return SectorShifts(nothing, nothing, nothing, nothing, nothing)
     whole = round(coarse_px)
-    scores, energy = _lag_scores(reference.smoothed, current.smoothed, windows, whole, reach)
+    scores, energy = _lag_scores(reference.smoothed, current.smoothed, sectors, per_circle, whole, reach)
     best = scores.argmax(axis=0)
     lag, height, bend = _interpolated_peaks(scores, np.clip(best, TAPS, 2 * reach - TAPS))
     inside = (best >= TAPS) & (best <= 2 * reach - TAPS) & (bend < 0.0) & (energy > 1e-3 * energy.mean())
     # Cramer-Rao: noise energy over gradient energy; the gradient's is the curvature of the correlation
-    pixels = windows.sum(axis=1) * reference.smoothed.shape[0] / CORRELATED_PIXELS
+    pixels = sector_windows(columns, sectors, per_circle).sum(axis=1) * reference.smoothed.shape[0] / CORRELATED_PIXELS
     noise = 2.0 * np.clip(1.0 - height, 1e-5, None) / (pixels * np.where(inside, -bend, 1.0))
     centre = columns / sectors * np.arange(sectors)
     return SectorShifts(
@@ -118,7 +117,9 @@ def local_shifts(reference: Strip, current: Strip, coarse_px: float, sectors: in
     )
 
 
-def _lag_scores(reference: Pixels, current: Pixels, windows: Pixels, whole: int, reach: int) -> tuple[Pixels, Pixels]:
+def _lag_scores(
+    reference: Pixels, current: Pixels, sectors: int, per_circle: float, whole: int, reach: int
+) -> tuple[Pixels, Pixels]:
     """Normalised correlation of each windowed sector for each whole lag around `whole`.
 
     Returns
@@ -130,12 +131,13 @@ def _lag_scores(reference: Pixels, current: Pixels, windows: Pixels, whole: int,
     extended = _unrolled(current, (whole - reach) % columns, columns + 2 * reach)
     energy = np.einsum("rx,rx->x", extended, extended)
     lags = 2 * reach + 1
+    # column by column: its rows times those of all columns it may have come from
+    behind = np.lib.stride_tricks.sliding_window_view(np.ascontiguousarray(extended.T), lags, axis=0)
     sums = np.empty((2, lags, columns), np.float32)
-    for lag in range(lags):
-        np.einsum("rx,rx->x", reference, extended[:, lag : lag + columns], out=sums[0, lag])
+    sums[0] = (np.ascontiguousarray(reference.T)[:, None, :] @ behind)[:, 0].T
     sums[1] = np.lib.stride_tricks.sliding_window_view(energy, columns)
-    products, energies = sums @ windows.T
-    own = windows @ np.einsum("rx,rx->x", reference, reference)
+    products, energies = sector_sums(sums, sectors, per_circle)
+    own = sector_sums(np.einsum("rx,rx->x", reference, reference), sectors, per_circle)
     return products / np.sqrt(np.maximum(own * energies, np.float32(1e-6))), own
 
 
@@ -172,3 +174,22 @@ def sector_windows(columns: int, sectors: int, per_circle: float) -> Pixels:
     centre = columns / sectors * np.arange(sectors)
     distance = signed(np.arange(columns)[None, :] - centre[:, None], columns) / (columns / per_circle)
     return np.where(np.abs(distance) < 0.5, np.cos(np.pi * distance) ** 2, 0.0).astype(np.float32)
+
+
+def sector_sums(values: Pixels, sectors: int, per_circle: float) -> Pixels:
+    """Sums of columns under each of the windows, (..., columns) -> (..., sectors).
+
+    The same as ``values @ sector_windows(...).T``, without its many zeros where the windows begin on whole columns.
+    """
+    columns = values.shape[-1]
+    overlap = round(sectors / per_circle)  # windows over every column
+    if columns % sectors or overlap % 2 or overlap * per_circle != sectors:
+        dense: Pixels = values @ sector_windows(columns, sectors, per_circle).T
+        return dense
+    step = columns // sectors
+    first = np.roll(sector_windows(columns, sectors, per_circle)[0], overlap * step // 2)[: overlap * step]
+    parts = values.reshape(*values.shape[:-1], sectors, step) @ first.reshape(overlap, step).T
+    total: Pixels = np.roll(parts[..., 0], overlap // 2, axis=-1)
+    for part in range(1, overlap):
+        total += np.roll(parts[..., part], overlap // 2 - part, axis=-1)
+    return total

@@ -24,6 +24,7 @@ from compass.strip import Pixels, Strip
 NARROWEST = 256  # columns; sectors of fewer than eight cannot tell parallax apart
 SECTORS = 64
 PER_CIRCLE = 32.0  # Hann windows of 11 deg, half as far apart
+AGREED = 1.5  # deviations: three sectors of four this near to all of them together saw nothing but a turn
 COARSE = 8  # directions of travel that are tried first
 FINE = 2.0 * np.pi / 64 * np.arange(-4, 5)  # and then about the best of them, rad
 SCALES_PX = np.array([0.1, 0.3, 1.0, 3.0, 10.0], np.float32)  # typical pushes that are tried
@@ -85,13 +86,18 @@ def match_parallax(reference: Strip, current: Strip, search: Search) -> Match:
     sectors = local_shifts(reference, current, coarse.shift_px, SECTORS, PER_CIRCLE)
     if sectors.shift_px.size < SECTORS // 8:
         return Match(coarse.shift_px, np.inf, max(coarse.value, 0.0))
+    confidence = float(np.clip(sectors.mean_correlation, 0.0, 1.0))
+    apart = _quantile(np.abs(sectors.shift_px - coarse.shift_px) / sectors.sigma_px, 0.75)
+    if apart < AGREED:
+        return Match(
+            coarse.shift_px, _bound(coarse, reference), confidence, status, apart * _quantile(sectors.sigma_px, 0.5)
+        )
     growth = measure_growth(reference, current, sectors, SECTORS, PER_CIRCLE)
     tilt = (0.0, 0.0) if growth is None else (float(growth.tilt[0]), float(growth.tilt[1]))
     evidence = _evidence(sectors, growth, search.forward_px, reference.columns)
     posterior = turn_posterior(evidence)
     spread = _quantile(np.abs(evidence.shift_px - posterior.mean_px), 0.75)
-    turn, variance = _with_pooled(posterior, coarse, reference.pixels.size, MODEL_ERROR_PX * min(spread, 1.0))
-    confidence = float(np.clip(sectors.mean_correlation, 0.0, 1.0))
+    turn, variance = _with_pooled(posterior, coarse, _bound(coarse, reference), MODEL_ERROR_PX * min(spread, 1.0))
     shift = float(signed(turn, reference.columns))
     return Match(shift, variance, confidence, status, spread, tilt)
 
@@ -246,10 +252,14 @@ def _log_normal(value: Floats, sigma: Floats) -> Floats:
     return density
 
 
-def _with_pooled(posterior: Posterior, coarse: Peak, pixels: int, model_error_px: float) -> tuple[float, float]:
+def _bound(coarse: Peak, reference: Strip) -> float:
+    """Cramer-Rao bound of the variance of the shift of all rows pooled, columns^2."""
+    return 2.0 * max(1.0 - coarse.value, 1e-6) / (reference.pixels.size * max(-coarse.curvature, 1e-12))
+
+
+def _with_pooled(posterior: Posterior, coarse: Peak, bound: float, model_error_px: float) -> tuple[float, float]:
     """Where nothing but a turn happened, all rows pooled know it best: they reach the Cramer-Rao bound."""
     pushed = posterior.variance_px2 + model_error_px**2
-    bound = 2.0 * max(1.0 - coarse.value, 1e-6) / (pixels * max(-coarse.curvature, 1e-12))
     apart = coarse.shift_px - posterior.mean_px
     pure = posterior.pure_turn if apart**2 < 9.0 * pushed else 0.0
     turn = posterior.mean_px + pure * apart
