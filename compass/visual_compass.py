@@ -22,6 +22,7 @@ METHODS: dict[str, Method] = {"rows": match_rows, "sectors": match_sectors, "par
 
 MIN_TEXTURE = 1.5  # grey values of 255; camera noise of 4 alone leaves 1.2 at 1024 columns
 FROZEN_NS = 500_000_000  # a camera never gives the very same image for so long
+BELIEVED_BACKWARD = 10  # images in a row whose stamps rise, but lie before one that was stamped wrongly
 GIVE_UP_NS = 1_000_000_000  # a view that matches no keyframe for so long is a new one
 
 
@@ -68,6 +69,7 @@ class VisualCompass:
         self._leans = Tilted()  # at the last good image
         self._last: Strip | None = None  # the last image that gave an increment, or the keyframe
         self._newest: Strip | None = None  # the last image whatever came of it
+        self._earlier_ns: list[int] = []  # stamps before the newest, in a rising row
         self._still_since_ns = 0
         self._unmatched_since_ns: int | None = None
 
@@ -98,7 +100,7 @@ class VisualCompass:
         return increment
 
     def _update(self, t_ns: int, image: Image, encoding: str) -> YawIncrement | None:
-        if self._newest is not None and t_ns <= self._newest.t_ns:
+        if self._backward(t_ns):
             self.status = CompassStatus.BACKWARD_STAMP
             return None
         strip = prepare_strip(t_ns, image, self.config, encoding)
@@ -114,6 +116,20 @@ class VisualCompass:
             self._give_up_keyframe(strip)
             return None
         return self._accept(strip, match)
+
+    def _backward(self, t_ns: int) -> bool:
+        """Whether the image is to be ignored; a row of rising stamps is the true time, and the later one was wrong."""
+        if self._newest is None or t_ns > self._newest.t_ns:
+            self._earlier_ns.clear()
+            return False
+        if self._earlier_ns and t_ns <= self._earlier_ns[-1]:
+            self._earlier_ns.clear()
+        self._earlier_ns.append(t_ns)
+        if len(self._earlier_ns) < BELIEVED_BACKWARD:
+            return True
+        self._earlier_ns.clear()
+        self._newest = None
+        return False
 
     def _judge_strip(self, strip: Strip) -> CompassStatus:
         """Whether the strip can be compared at all; the first of its size becomes the keyframe."""

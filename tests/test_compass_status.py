@@ -205,3 +205,25 @@ def test_scene_alike_front_and_back_is_ambiguous_when_half_a_turn_is_within_reac
     assert compass.status is CompassStatus.AMBIGUOUS
     bounded = VisualCompass(CompassConfig(method=method, max_yaw_rate=3.0))
     assert show(bounded, image, np.roll(image, STEP, axis=1)).yaw == pytest.approx(STEP * PER_PX, abs=EXACT)
+
+
+def test_an_image_stamped_far_ahead_does_not_stop_the_compass_for_ever(compass):
+    image = as_bytes(scene(1, WIDTH, 96))
+    show(compass, image, image)
+    compass.update(START_NS + 3600 * 10**9, image)
+    before, statuses = compass.yaw, []
+    for index in range(13):
+        compass.update(stamp(10 + index), np.roll(image, STEP * index, axis=1))
+        statuses.append(compass.status)
+    assert statuses[:9] == [CompassStatus.BACKWARD_STAMP] * 9
+    assert statuses[9:] == [CompassStatus.FIRST_FRAME, *[CompassStatus.OK] * 3]
+    # what turned while images were ignored is not known, and not made up
+    assert compass.yaw - before == pytest.approx(3 * STEP * PER_PX, abs=3 * EXACT)
+
+
+def test_the_same_old_image_again_and_again_is_no_new_time(compass):
+    image = as_bytes(scene(1, WIDTH, 96))
+    show(compass, image, image)
+    for _ in range(30):
+        compass.update(START_NS, image)
+        assert compass.status is CompassStatus.BACKWARD_STAMP
