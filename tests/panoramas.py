@@ -12,6 +12,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import numpy.typing as npt
+from scipy.spatial.transform import Rotation
 
 from compass import CompassStatus, VisualCompass, YawIncrement
 
@@ -83,3 +84,52 @@ def compare(compass: VisualCompass, reference: Image, current: Image) -> YawIncr
     if increment is None or compass.status is not CompassStatus.OK:
         raise AssertionError(f"no increment: {compass.status}")
     return increment
+
+
+def azimuths(width: int) -> npt.NDArray[np.float64]:
+    """Azimuth of the middle of each column, rad, from +x to the left: pi at the left edge, -pi at the right one."""
+    return math.pi - math.tau * (np.arange(width) + 0.5) / width
+
+
+def elevations(height: int) -> npt.NDArray[np.float64]:
+    """Elevation of the middle of each row of a full sphere, rad, pi / 2 at the upper edge."""
+    return math.pi / 2.0 - math.pi * (np.arange(height) + 0.5) / height
+
+
+def seen_from(image: Image, step: float, direction: float, distance: npt.ArrayLike) -> npt.NDArray[np.float32]:
+    """A full-sphere panorama (2:1) after a step of the camera, rad for `direction`, m otherwise.
+
+    All that stands at an azimuth is at one horizontal distance, like a wall: `distance` is for each column or for all.
+    To first order it moves by ``-step / distance * sin(a - direction)`` rad to the right and rises by
+    ``step / distance * cos(a - direction) * sin(e) * cos(e)``; this is the exact geometry.
+    """
+    height, width = image.shape[:2]
+    now = azimuths(width)
+    far = np.broadcast_to(np.asarray(distance, float), width)
+    before = now.copy()
+    for _ in range(20):  # where was it that is seen there now: converges like (step / distance)^n
+        d = np.interp(-before, -now, far, period=math.tau)
+        x, y = d * np.cos(before) - step * math.cos(direction), d * np.sin(before) - step * math.sin(direction)
+        before = before + np.angle(np.exp(1j * (now - np.arctan2(y, x))))
+    elevation = np.arctan(np.tan(elevations(height))[:, None] * (np.hypot(x, y) / d)[None, :])
+    return _looked_up(image, np.broadcast_to(before, (height, width)), elevation)
+
+
+def tilted(image: Image, about_x: float, about_y: float) -> npt.NDArray[np.float32]:
+    """A full-sphere panorama (2:1) after the scene has rotated about x and y of the camera (a rotation vector, rad)."""
+    height, width = image.shape[:2]
+    a, e = np.meshgrid(azimuths(width), elevations(height))
+    now = np.stack([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
+    rotation = Rotation.from_rotvec([about_x, about_y, 0.0]).as_matrix()
+    x, y, z = np.einsum("ji,jrc->irc", rotation, now)
+    return _looked_up(image, np.arctan2(y, x), np.arcsin(np.clip(z, -1.0, 1.0)))
+
+
+def _looked_up(image: Image, azimuth: npt.NDArray[np.float64], elevation: npt.NDArray[np.float64]) -> Image:
+    """Grey values of a full-sphere panorama at these angles."""
+    height, width = image.shape[:2]
+    column = ((math.pi - azimuth) / math.tau * width - 0.5) % width
+    row = (math.pi / 2.0 - elevation) / math.pi * height - 0.5
+    around = np.concatenate([image[:, -8:], image, image[:, :8]], axis=1)  # the filter reaches over the seam
+    maps = (column + 8.0).astype(np.float32), row.astype(np.float32)
+    return cv2.remap(around, *maps, cv2.INTER_LANCZOS4, borderMode=cv2.BORDER_REPLICATE)

@@ -12,7 +12,20 @@ from functools import cache
 import cv2
 import numpy as np
 import pytest
-from panoramas import FRAME_NS, PHOTO_NAMES, PHOTOS, START_NS, as_bytes, compare, photo, shifted, show
+from panoramas import (
+    FRAME_NS,
+    PHOTO_NAMES,
+    PHOTOS,
+    START_NS,
+    as_bytes,
+    azimuths,
+    compare,
+    photo,
+    seen_from,
+    shifted,
+    show,
+    tilted,
+)
 from scipy.stats import chi2
 
 from compass import CompassConfig, CompassStatus, VisualCompass, wrap_angle
@@ -191,6 +204,39 @@ def test_driving_past_walls_over_all_directions_a_seventh_of_the_papers_error():
     rms = {m: np.sqrt(np.mean([driving(m, *case)[:, 0] ** 2 for case in cases])) for m in ("rows", DEFAULT)}
     print(rms["rows"] / rms[DEFAULT])
     assert rms[DEFAULT] < rms["rows"] / 7.0
+
+
+@cache
+def driving_growing(method, direction, left, right, degrees=0.0):
+    """Errors in rad as of `driving`, of full-sphere photographs in which what comes nearer also grows, and a tilt."""
+    compass, result = VisualCompass(CompassConfig(method=method)), []
+    for index, name in enumerate(PHOTO_NAMES):
+        image = photo(name)
+        on_the_left = np.sin(azimuths(image.shape[1]) - direction) > 0.0
+        second = seen_from(image, 0.03, direction, np.where(on_the_left, left, right))
+        second = shifted(tilted(second, 0.6 * math.radians(degrees), 0.8 * math.radians(degrees)), 5.37)
+        increment = compare(compass, as_bytes(image, NOISE, index), as_bytes(second, NOISE, 100 + index))
+        result.append(increment.yaw - 5.37 * math.tau / image.shape[1])
+    return np.array(result)
+
+
+@pytest.mark.parametrize("direction", [0.0, math.pi, 0.7], ids=["forward", "backward", "aslant"])
+def test_driving_past_walls_that_grow_turns_the_default_by_a_quarter_of_the_papers_error(direction):
+    walls = ((1.0, 3.0), (20.0, 0.7), (3.0, 3.0))
+    rms = {
+        method: math.degrees(np.sqrt(np.mean([driving_growing(method, direction, *sides) ** 2 for sides in walls])))
+        for method in ("rows", DEFAULT)
+    }
+    print({method: round(value, 4) for method, value in rms.items()})
+    assert rms[DEFAULT] < rms["rows"] / 4.0
+
+
+def test_tilt_of_a_third_of_a_degree_while_driving_hardly_changes_the_turn():
+    level, leaning = (driving_growing(DEFAULT, 0.7, 1.0, 3.0, degrees) for degrees in (0.0, 0.3))
+    rms = math.degrees(float(np.sqrt(np.mean((leaning - level) ** 2))))
+    print(f"{rms:.4f} deg")
+    # it moves the upper edge of the region by 0.85 columns to either side; a sixth of that
+    assert rms < 0.05
 
 
 def test_variance_of_pure_turns_is_calibrated():
