@@ -1,6 +1,7 @@
 """What grew and how the camera tilted, on full-sphere panoramas moved by exact geometry."""
 
 import math
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -271,6 +272,28 @@ def test_driving_past_walls_turns_the_default_far_less_than_the_papers_method(le
     print(f"{error:.3f} columns, by rows {paper:.3f}")
     assert error < 0.05  # of a column, half of what a single sector knows
     assert error < max(paper / 5.0, 0.02)
+
+
+@pytest.mark.parametrize("what", ["without growth", "growth of the wrong sign"])
+def test_growth_halves_the_error_of_driving_past_things_all_at_one_distance(monkeypatch, what):
+    # on either side all is at one distance: few sectors are left unpushed, and few say that they were not
+    def errors():
+        for seed in (1, 2):
+            for direction in (0.0, 0.7):
+                distance = np.where(np.sin(azimuths(WIDTH) - direction) > 0.0, 1.0, 3.0)
+                after = shifted(seen_from(panorama(seed), 0.03, direction, distance), 5.37)
+                increment = compare(VisualCompass(), as_bytes(panorama(seed), NOISE, 1), as_bytes(after, NOISE, 2))
+                yield increment.yaw * PER_RAD - 5.37
+
+    def changed(*arguments):
+        growth = measure_growth(*arguments)
+        return replace(growth, growth_px=-growth.growth_px) if "wrong" in what else None
+
+    right = rms(list(errors()))
+    monkeypatch.setattr("compass.parallax.measure_growth", changed)
+    wrong = rms(list(errors()))
+    print(f"{right:.3f} columns, {what} {wrong:.3f}")
+    assert right < 0.5 * wrong
 
 
 @pytest.mark.parametrize("direction", list(DIRECTIONS.values())[:3], ids=list(DIRECTIONS)[:3])
