@@ -176,8 +176,9 @@ def _normal(changes: Pixels, windows: Pixels) -> Floats:
         for other in range(one + 1):
             normal[:, one, other] = windows @ np.einsum("rx,rx->x", changes[one], changes[other])
             normal[:, other, one] = normal[:, one, other]
-    ridge = RIDGE / size * np.trace(normal, axis1=1, axis2=2) + 1e-6
-    normal += ridge[:, None, None] * np.eye(size)
+    diagonal = np.einsum("kii->ki", normal)  # a view
+    diagonal *= 1.0 + RIDGE
+    diagonal += 1e-6
     return normal
 
 
