@@ -21,6 +21,12 @@ class CompassConfig(ParameterSet):
     roi_bottom: float = parameter(
         0.55, "lower edge of the region of interest, a fraction of image height", low=0.0, high=1.0
     )
+    mask: str = parameter(
+        "",
+        "picture (PNG) of the panorama in which what belongs to the robot is white; those pixels are ignored; empty: "
+        "none. A relative path counts from the folder of the YAML for the command line, from the working directory "
+        "for a node",
+    )
     columns: int = parameter(1024, "width of the strip; never more than the image has", unit="px", low=16, high=8192)
     rows: int = parameter(160, "greatest height of the strip", unit="px", low=1, high=4096)
     forward_column: float = parameter(

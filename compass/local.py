@@ -22,6 +22,7 @@ APART = 16
 TAPS = 6  # samples on either side of the best one that its interpolation uses
 FINE = 16  # interpolated samples per column
 CORRELATED_PIXELS = 4.0  # that share their error: smoothing, and parallax inside a sector
+MOSTLY = 0.6  # of a sector must show the world in both strips
 NOISE_FLOOR_PX = 0.01  # what interpolation and JPEG leave of a shift's error, columns
 
 
@@ -104,6 +105,9 @@ def local_shifts(reference: Strip, current: Strip, coarse_px: float, sectors: in
     best = scores.argmax(axis=0)
     lag, height, bend = _interpolated_peaks(scores, np.clip(best, TAPS, 2 * reach - TAPS))
     inside = (best >= TAPS) & (best <= 2 * reach - TAPS) & (bend < 0.0) & (energy > 1e-3 * energy.mean())
+    seen = _seen_in_both(reference, current, sectors, per_circle, whole)
+    if seen is not None:
+        inside &= seen > MOSTLY
     # Cramer-Rao: noise energy over gradient energy; the gradient's is the curvature of the correlation
     pixels = sector_windows(columns, sectors, per_circle).sum(axis=1) * reference.smoothed.shape[0] / CORRELATED_PIXELS
     noise = 2.0 * np.clip(1.0 - height, 1e-5, None) / (pixels * np.where(inside, -bend, 1.0))
@@ -115,6 +119,15 @@ def local_shifts(reference: Strip, current: Strip, coarse_px: float, sectors: in
         height[inside],
         energy[inside],
     )
+
+
+def _seen_in_both(reference: Strip, current: Strip, sectors: int, per_circle: float, whole: int) -> Pixels | None:
+    """Share of each sector that shows the world both here and `whole` columns further on; None where all does."""
+    if reference.seen is None or current.seen is None:
+        return None
+    both = (reference.seen.smoothed * np.roll(current.seen.smoothed, -whole, axis=1)).mean(axis=0)
+    seen: Pixels = sector_sums(both, sectors, per_circle) / sector_windows(reference.columns, 1, per_circle).sum()
+    return seen
 
 
 def _lag_scores(

@@ -39,6 +39,7 @@ GRID = 25
 SURELY = 0.999
 NEGLIGIBLE = 12.0  # log-likelihood below the best of a hypothesis that is dropped
 MODEL_ERROR_PX = 0.04  # what is left out of all this, as soon as anything is pushed
+MASKED_ERROR_PX = 0.007  # what the edges of a mask, which stay, leave in all rows pooled
 PUSHED_PX = 1.0  # pushes beyond this without a fifth of it in growth
 TOO_LITTLE = 0.2
 ABEAM = 0.02  # cosine below which a growth says nothing
@@ -254,7 +255,8 @@ def _log_normal(value: Floats, sigma: Floats) -> Floats:
 
 def _bound(coarse: Peak, reference: Strip) -> float:
     """Cramer-Rao bound of the variance of the shift of all rows pooled, columns^2."""
-    return 2.0 * max(1.0 - coarse.value, 1e-6) / (reference.pixels.size * max(-coarse.curvature, 1e-12))
+    bound = 2.0 * max(1.0 - coarse.value, 1e-6) / (reference.pixels.size * max(-coarse.curvature, 1e-12))
+    return bound if reference.seen is None else bound + MASKED_ERROR_PX**2
 
 
 def _with_pooled(posterior: Posterior, coarse: Peak, bound: float, model_error_px: float) -> tuple[float, float]:

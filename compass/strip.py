@@ -13,6 +13,7 @@ import scipy.fft
 
 from compass.config import CompassConfig
 from compass.image import Image, to_grey
+from compass.mask import RobotMask, Seen
 
 Pixels = npt.NDArray[np.float32]
 Spectrum = npt.NDArray[np.complex64]
@@ -29,13 +30,15 @@ class Strip:
     t_ns : int
         Capture time, ns.
     pixels : (rows, columns) float32 array
-        Grey values with the mean of each row taken out.
+        Grey values with the mean of each row taken out; 0 where the robot is.
     contrast : float
-        Standard deviation of `pixels`, grey values of 255.
+        Root of the mean square of `pixels`, grey values of 255.
     image_shape : tuple of int
         Of the image it was cut from.
     top, row_height : float
         Elevation of the upper edge and height of one row, rad.
+    seen : Seen or None
+        Which pixels show the world; None: all.
     """
 
     t_ns: int
@@ -44,10 +47,11 @@ class Strip:
     image_shape: tuple[int, ...] = ()
     top: float = 0.0
     row_height: float = 0.0
+    seen: Seen | None = None
 
     def with_pixels(self, pixels: Pixels) -> Strip:
         """The same strip with other grey values, whose rows' means are taken out."""
-        pixels = pixels - pixels.mean(axis=1, keepdims=True)
+        pixels = _without_row_means(pixels.copy(), self.seen)
         contrast = float(np.sqrt(np.vdot(pixels, pixels) / pixels.size))
         return replace(self, pixels=pixels, contrast=contrast)
 
@@ -84,7 +88,7 @@ class Strip:
     @property
     def _merged(self) -> int:
         """Rows of `pixels` in one of `smoothed`."""
-        return -(-len(self.pixels) // SMOOTHED_ROWS)
+        return _merged_rows(len(self.pixels))
 
     @cached_property
     def softened(self) -> Pixels:
@@ -102,14 +106,17 @@ class Strip:
     @cached_property
     def texture(self) -> float:
         """Standard deviation of `smoothed`, grey values of 255: of the scene, and hardly of the camera's noise."""
-        return float(np.sqrt(np.vdot(self.smoothed, self.smoothed) / self.smoothed.size))
+        size = self.smoothed.size * (1.0 if self.seen is None else self.seen.share)
+        return float(np.sqrt(np.vdot(self.smoothed, self.smoothed) / max(size, 1.0)))
 
 
-def prepare_strip(t_ns: int, image: Image, config: CompassConfig, encoding: str = "") -> Strip:
+def prepare_strip(
+    t_ns: int, image: Image, config: CompassConfig, encoding: str = "", mask: RobotMask | None = None
+) -> Strip:
     """Cut the region of interest out of a panorama, make it grey and bring it to size.
 
     The strip is never larger than its source: enlarging adds no information, and interpolating over the seam where
-    the panorama's circle is cut would add a false one.
+    the panorama's circle is cut would add a false one. What belongs to the robot by `mask` is zero, the mean.
     """
     region = _region(image, config)
     grey = to_grey(region, encoding)
@@ -121,11 +128,32 @@ def prepare_strip(t_ns: int, image: Image, config: CompassConfig, encoding: str 
         small = np.asarray(cv2.resize(small, (columns, rows), interpolation=cv2.INTER_AREA), np.float32)
     if grey.dtype == np.uint16:
         small *= np.float32(1.0 / 257.0)
-    small -= small.mean(axis=1, keepdims=True)
+    seen = None
+    if mask is not None:
+        first = _top(image.shape[0], config)
+        cut = slice(first, first + rows * merged)
+        seen = mask.seen(image.shape, cut, rows, columns, _merged_rows(rows))
+    small = _without_row_means(small, seen)
     contrast = float(np.sqrt(np.vdot(small, small) / small.size))
     per_row = math.tau / width  # square pixels
     above = config.horizon_row * image.shape[0] - _top(image.shape[0], config)
-    return Strip(t_ns, small, contrast, image.shape, above * per_row, merged * per_row)
+    return Strip(t_ns, small, contrast, image.shape, above * per_row, merged * per_row, seen)
+
+
+def _without_row_means(pixels: Pixels, seen: Seen | None) -> Pixels:
+    """Take the mean of what is seen out of each row, in place; zero what is not seen."""
+    if seen is None:
+        pixels -= pixels.mean(axis=1, keepdims=True)
+    else:
+        pixels *= seen.pixels
+        pixels -= pixels.sum(axis=1, keepdims=True) / seen.counts
+        pixels *= seen.pixels
+    return pixels
+
+
+def _merged_rows(rows: int) -> int:
+    """Rows of a strip in one of its smoothed ones."""
+    return -(-rows // SMOOTHED_ROWS)
 
 
 def _region(image: Image, config: CompassConfig) -> Image:

@@ -12,6 +12,7 @@ from compass.attitude import Tilted
 from compass.config import CompassConfig
 from compass.image import Image
 from compass.increment import CompassStatus, YawIncrement
+from compass.mask import load_mask
 from compass.match import Match, Method, Search
 from compass.parallax import match_parallax
 from compass.rows import match_rows
@@ -34,6 +35,11 @@ class VisualCompass:
     config : CompassConfig
         Defaults when not given.
 
+    Raises
+    ------
+    ConfigError
+        The picture that `config.mask` names cannot be read.
+
     Attributes
     ----------
     status : CompassStatus
@@ -54,6 +60,7 @@ class VisualCompass:
 
     def __init__(self, config: CompassConfig | None = None) -> None:
         self.config = config or CompassConfig()
+        self._mask = load_mask(self.config)
         self.counts: Counter[CompassStatus] = Counter()
         self.reset()
 
@@ -103,7 +110,7 @@ class VisualCompass:
         if self._backward(t_ns):
             self.status = CompassStatus.BACKWARD_STAMP
             return None
-        strip = prepare_strip(t_ns, image, self.config, encoding)
+        strip = prepare_strip(t_ns, image, self.config, encoding, self._mask)
         self.status = self._judge_strip(strip)
         if self.status is not CompassStatus.OK or self._last is None or self._keyframe is None:
             return None

@@ -93,6 +93,7 @@ def load_settings(path: Path | str | None = None, overrides: Mapping[str, Any] |
     ----------
     path : path, optional
         A ROS parameter file, ``/**: {ros__parameters: {compass: {method: sectors}, gyro_topic: /imu/data}}``.
+        A relative ``compass.mask`` in it counts from its folder.
     overrides : mapping, optional
         Parameters by (dotted) name, such as ``{"compass.method": "rows"}``.
 
@@ -101,7 +102,10 @@ def load_settings(path: Path | str | None = None, overrides: Mapping[str, Any] |
     ConfigError
         The file cannot be read, is no parameter file, or holds an unknown key or an unusable value.
     """
-    values = _undotted(read_parameter_file(Path(path))) if path is not None else {}
+    values: dict[str, Any] = {}
+    if path is not None:
+        values = _undotted(read_parameter_file(Path(path)))
+        _anchor_mask(values, Path(path).parent)
     _merge(values, _undotted(overrides or {}))
     return Settings.from_dict(values)
 
@@ -154,6 +158,13 @@ def read_parameter_file(path: Path) -> dict[str, Any]:
             raise ConfigError(f"{path}: 'ros__parameters:' is missing below the node's name")
         _merge(values, _undotted(body["ros__parameters"]))
     return values
+
+
+def _anchor_mask(values: dict[str, Any], folder: Path) -> None:
+    """Let a relative path of the mask count from the folder of its file, wherever the command runs."""
+    compass = values.get("compass")
+    if isinstance(compass, dict) and isinstance(compass.get("mask"), str) and compass["mask"]:
+        compass["mask"] = str((folder / compass["mask"]).resolve())
 
 
 def _split_groups(values: Mapping[str, Any]) -> dict[str, dict[str, Any]]:

@@ -81,3 +81,19 @@ def test_settings_mistake_is_named_with_its_cure(tmp_path, text, hint):
 def test_settings_missing_file_is_named(tmp_path):
     with pytest.raises(ConfigError, match=r"absent\.yaml.*No such file"):
         load_settings(tmp_path / "absent.yaml")
+
+
+def test_settings_relative_mask_counts_from_the_folder_of_the_yaml(tmp_path, monkeypatch):
+    (tmp_path / "robot").mkdir()
+    write(tmp_path / "robot", "/**: {ros__parameters: {compass: {mask: mask.png}}}")
+    monkeypatch.chdir(tmp_path)
+    settings = load_settings("robot/settings.yaml")
+    assert settings.compass.mask == str(tmp_path / "robot" / "mask.png")
+    # written to another folder, as with the results of a run, it still means the same file
+    assert load_settings(write(tmp_path, dump_settings(settings))) == settings
+    assert load_settings("robot/settings.yaml", {"compass.mask": ""}).compass.mask == ""
+
+
+def test_settings_absolute_mask_stays(tmp_path):
+    path = write(tmp_path, "/**: {ros__parameters: {compass.mask: /robot/mask.png}}")
+    assert load_settings(path).compass.mask == "/robot/mask.png"
