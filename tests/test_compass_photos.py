@@ -221,14 +221,14 @@ def driving_growing(method, direction, left, right, degrees=0.0):
 
 
 @pytest.mark.parametrize("direction", [0.0, math.pi, 0.7], ids=["forward", "backward", "aslant"])
-def test_driving_past_walls_that_grow_turns_the_default_by_a_quarter_of_the_papers_error(direction):
+def test_driving_past_walls_that_grow_turns_the_default_by_a_tenth_of_the_papers_error(direction):
     walls = ((1.0, 3.0), (20.0, 0.7), (3.0, 3.0))
     rms = {
         method: math.degrees(np.sqrt(np.mean([driving_growing(method, direction, *sides) ** 2 for sides in walls])))
         for method in ("rows", DEFAULT)
     }
     print({method: round(value, 4) for method, value in rms.items()})
-    assert rms[DEFAULT] < rms["rows"] / 4.0
+    assert rms[DEFAULT] < rms["rows"] / 10.0  # a seventh without what grows
 
 
 def test_tilt_of_a_third_of_a_degree_while_driving_hardly_changes_the_turn():
