@@ -76,7 +76,7 @@ class FusionConfig(ParameterSet):
         low=0.0, high=10.0,
     )  # fmt: skip
     compass_error_share: float = parameter(
-        0.5, "share of the compass's variance that lasts from image to image (parallax)", low=0.0, high=0.999
+        0.8, "share of the compass's variance that lasts from image to image (parallax)", low=0.0, high=0.999
     )
     compass_error_time: float = parameter(2.5, "how long that share lasts", unit="s", low=1e-3, high=1e3)
     gate_probability: float = parameter(
