@@ -22,7 +22,7 @@ APART = 16
 TAPS = 6  # samples on either side of the best one that its interpolation uses
 FINE = 16  # interpolated samples per column
 CORRELATED_PIXELS = 4.0  # that share their error: smoothing, and parallax inside a sector
-MOSTLY = 0.6  # of a sector must show the world in both strips
+MOSTLY = 0.3  # of a sector must show the world in both strips; losing more on one side misleads their median
 NOISE_FLOOR_PX = 0.01  # what interpolation and JPEG leave of a shift's error, columns
 
 

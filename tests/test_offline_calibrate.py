@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 from tiny_bags import TinyBag, TinyDrive, fill
 
+from compass import VisualCompass
 from compass.local import SectorShifts
+from compass.mask import load_mask
 from fusion.offline.cli import main
 from fusion.offline.surroundings import body_top, forward_column, static_pixels
 from fusion.settings import load_settings
@@ -85,3 +87,53 @@ def test_calibrate_without_turning_is_refused(tiny_bag, tmp_path, capsys):
     assert main(["calibrate", str(tiny_bag), "--out", str(tmp_path / "c.yaml")]) == 1
     assert "calibration needs 120" in capsys.readouterr().err
     assert not (tmp_path / "c.yaml").exists()
+
+
+def test_static_pixels_a_thin_mast_is_found_to_its_edges():
+    frames = turning_frames(slice(0, 0))
+    rng = np.random.default_rng(4)
+    for frame in frames:
+        frame[30:, 100:106] = 230.0 + rng.normal(size=(98, 6))
+    static = static_pixels(frames)
+    assert static[38:, 100:106].mean() > 0.95
+    assert static[:, [*range(90), *range(116, 256)]].mean() < 0.01
+
+
+def masted_bag(path):
+    """A bag whose robot has, beside its body, a mast with a pattern in the middle of the picture."""
+    rows = np.random.default_rng(8).uniform(30, 220, (32, 1))
+
+    class Masted(TinyDrive):
+        def panorama(self, t, seed=5):
+            image = super().panorama(t, seed)
+            image[: 32 * 3, 60:76] = np.repeat(rows, 3, axis=0).astype(np.uint8)
+            return image
+
+    with TinyBag(path) as bag:
+        fill(bag, Masted(seconds=26.0, body=True))
+
+
+def test_calibrate_writes_a_mask_that_the_compass_reads(tmp_path, capsys):
+    masted_bag(tmp_path / "bag")
+    out = tmp_path / "robots" / "one.yaml"
+    assert main(["calibrate", str(tmp_path / "bag"), "--out", str(out)]) == 0
+    told = capsys.readouterr().out
+    assert "compass.mask: one_mask.png" in told
+    assert "of the region of interest stay" in told
+    assert "mask: one_mask.png" in out.read_text()
+    settings = load_settings(out)
+    robot = load_mask(settings.compass).robot
+    region = robot[round(0.3 * len(robot)) : round(0.5 * len(robot))]  # windows straddle edges by 7 of 512
+    assert region[:, 2 * 62 : 2 * 74].mean() > 0.95
+    assert region[:, [*range(100), *range(172, 512)]].mean() < 0.02
+    assert sorted(file.name for file in out.parent.iterdir()) == ["one.yaml", "one_mask.png"]
+    assert VisualCompass(settings.compass).update(0, np.zeros((64, 128), np.uint8)) is None
+
+
+def test_calibrate_without_anything_static_in_the_region_writes_no_mask(tmp_path, capsys):
+    with TinyBag(tmp_path / "bag") as bag:
+        fill(bag, TinyDrive(seconds=26.0))
+    assert main(["calibrate", str(tmp_path / "bag"), "--out", str(tmp_path / "c.yaml")]) == 0
+    assert "compass.mask: not found" in capsys.readouterr().out
+    assert load_settings(tmp_path / "c.yaml").compass.mask == ""
+    assert not (tmp_path / "c_mask.png").exists()

@@ -5,16 +5,19 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 import yaml
 
 from compass import CompassConfig, VisualCompass, wrap_angle
 from compass.image import to_grey
 from compass.local import SectorShifts, local_shifts
+from compass.mask import load_mask
 from compass.strip import prepare_strip
 from fusion.offline.bag import Bag, BagError
 from fusion.offline.console import progress_bar
@@ -57,8 +60,13 @@ class Finding:
     """A proposed parameter by its dotted name, and the evidence in words; `value` None: nothing could be found."""
 
     name: str
-    value: float | None
+    value: float | str | None
     evidence: str
+
+    def __str__(self) -> str:
+        """One line of the report."""
+        value = "not found" if self.value is None else self.value if isinstance(self.value, str) else f"{self.value:g}"
+        return f"{self.name}: {value} ({self.evidence})"
 
 
 def calibrate_bag(path: Path, settings: Settings, request: TopicRequest, out: Path, picture: Path | None) -> str:
@@ -82,17 +90,21 @@ def calibrate_bag(path: Path, settings: Settings, request: TopicRequest, out: Pa
         turned = math.degrees(len(evidence.turned) * TURN_STEP)
         raise BagError(f"{path}: the robot turns by {turned:.0f} deg; calibration needs 120 and more, best a full turn")
     static = static_pixels([_small(frame) for frame in evidence.turned])
-    findings = [*_region(evidence, static, fused, settings.compass), _forward(evidence, settings.compass)]
+    region = _region(evidence, static, fused, settings.compass)
+    mask = _mask(static, region, out)
+    findings = [*region, mask, _forward(evidence, settings.compass)]
     findings += [_gyro_noise(recording), _track_scale(recording, fused)]
-    with staged_file(out) as staged:
-        staged.write_text(_as_yaml(findings, path, _image_noise(evidence)), encoding="utf-8")
+    with ExitStack() as files:  # the settings appear last: they never name a mask that is not there
+        files.enter_context(staged_file(out)).write_text(
+            _as_yaml(findings, path, _image_noise(evidence)), encoding="utf-8"
+        )
+        if mask.value is not None:
+            white = static.astype(np.uint8) * np.uint8(255)
+            files.enter_context(staged_file(out.with_name(str(mask.value)))).write_bytes(_png(white))
     if picture is not None:
         with staged_file(picture) as staged:
-            staged.write_bytes(cv2.imencode(".png", _drawn(evidence.turned[0], static))[1].tobytes())
-    lines = [
-        f"{one.name}: {'not found' if one.value is None else f'{one.value:g}'} ({one.evidence})" for one in findings
-    ]
-    return "\n".join([*lines, f"settings in {out}"])
+            staged.write_bytes(_png(_drawn(evidence.turned[0], static)))
+    return "\n".join([*map(str, findings), f"settings in {out}"])
 
 
 def gather(recording: BagRecording, fused: YawTrack) -> Evidence:
@@ -164,6 +176,16 @@ def _region(evidence: Evidence, static: Mask, fused: YawTrack, config: CompassCo
     return [Finding("compass.roi_top", best[0], told), Finding("compass.roi_bottom", round(best[1], 3), told)]
 
 
+def _mask(static: Mask, region: Sequence[Finding], out: Path) -> Finding:
+    """A picture of the robot beside the settings, named after them, where the region of interest shows any of it."""
+    top, bottom = (round(float(edge.value or 0.0) * len(static)) for edge in region)
+    share = float(static[top:bottom].mean())
+    if share == 0.0:
+        return Finding("compass.mask", None, "nothing in the region of interest stays while the robot turns")
+    told = f"{100.0 * share:.1f} % of the region of interest stay while the robot turns, and are ignored"
+    return Finding("compass.mask", f"{out.stem}_mask.png", told)
+
+
 def _turn_error(frames: Sequence[Frame], fused: YawTrack, config: CompassConfig) -> float:
     """Typical (median) error of turns between neighbouring frames against the fused yaw, rad; else infinite."""
     errors = []
@@ -192,8 +214,9 @@ def _forward(evidence: Evidence, config: CompassConfig) -> Finding:
 
 
 def _sector_shifts(pairs: Iterable[tuple[Frame, Frame]], config: CompassConfig) -> Iterator[SectorShifts]:
+    mask = load_mask(config)
     for one, other in pairs:
-        strips = [prepare_strip(frame.t_ns, frame.image, config, frame.encoding) for frame in (one, other)]
+        strips = [prepare_strip(frame.t_ns, frame.image, config, frame.encoding, mask) for frame in (one, other)]
         found = local_shifts(strips[0], strips[1], 0.0, 64, 32.0)
         scale = config.columns / strips[0].columns
         yield replace(found, centre_px=found.centre_px * scale)
@@ -266,6 +289,10 @@ def _small(frame: Frame) -> Panorama:
     height = round(grey.shape[0] * MASK_COLUMNS / grey.shape[1])
     small = np.asarray(cv2.resize(grey, (MASK_COLUMNS, height), interpolation=cv2.INTER_AREA), np.float32)
     return small * np.float32(128.0 / max(float(small.mean()), 1.0))
+
+
+def _png(picture: Panorama | npt.NDArray[np.uint8]) -> bytes:
+    return cv2.imencode(".png", picture)[1].tobytes()
 
 
 def _drawn(frame: Frame, static: Mask) -> Panorama:

@@ -166,7 +166,7 @@ def calibrate(
     odometry: str | None,
     truth: str | None,
 ) -> None:
-    """Propose region of interest, forward column and noises from BAG, in which the robot turns, drives and stands."""
+    """Propose region, mask, forward column and noises from BAG, in which the robot turns, drives and stands."""
     from fusion.offline.calibrate import calibrate_bag
     from fusion.offline.topics import TopicRequest
     from fusion.settings import load_settings
