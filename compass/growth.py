@@ -139,7 +139,7 @@ def _tilt(
     for _ in range(TILT_ROUNDS):
         apart = (solution[:, RISE] - design @ tilt) ** 2 / variance
         weighted = design * (answered / variance / (1.0 + apart / TILT_OUTLIER**2))[:, None]
-        tilt = np.linalg.solve(weighted.T @ design + RISE * RIDGE * np.eye(2), weighted.T @ solution[:, RISE])
+        tilt = np.linalg.solve(weighted.T @ design + 1e-3 * np.eye(2), weighted.T @ solution[:, RISE])
     return tilt
 
 
