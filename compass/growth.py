@@ -90,8 +90,6 @@ def measure_growth(
     columns = reference.columns
     windows = sector_windows(columns, count, per_circle)
     change = _brought_over(current.softened, sectors, columns) - reference.softened
-    if reference.seen is not None and current.seen is not None:  # nothing is known to have changed where the robot is
-        change *= reference.seen.clear * (_brought_over(current.seen.clear, sectors, columns) == 1.0)
     change[0] = change[-1] = 0.0
     products = np.einsum("irx,rx->ix", keyframe.changes, change)
     products = sector_sums(products, count, per_circle).T.astype(np.float64)
@@ -158,8 +156,6 @@ def _gradients(strip: Strip, count: int, per_circle: float) -> _Gradients | None
     e = elevation.astype(np.float32)[:, None]
     changes = np.stack([right, soft, rise * (np.sin(e) * np.cos(e)), rise, right * np.tan(e)])
     changes[:, [0, -1]] = 0.0
-    if strip.seen is not None:
-        changes *= strip.seen.clear
     windows = sector_windows(columns, count, per_circle)
     rows = slice(int(band[0]), int(band[-1]) + 1)
     normal = _normal(changes, windows)

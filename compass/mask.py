@@ -17,7 +17,6 @@ Weights = npt.NDArray[np.float32]
 
 WHITE = 127  # grey values above are the robot's
 MARGIN_PX = 2  # by which the robot is taken to be larger in the strip: its edges are blurred
-BLURRED = (3, 2)  # rows and columns of the smoothed strip over which a gradient reaches
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,13 +52,6 @@ class Seen:
         smoothed: Weights = self.pixels[: rows * self.merged].reshape(rows, self.merged, -1).mean(axis=1)
         return smoothed
 
-    @cached_property
-    def clear(self) -> Weights:
-        """1 where the smoothed strip and its gradients know nothing of the robot or of its edge, else 0."""
-        up, aside = BLURRED
-        robot = (self.smoothed < 1.0).astype(np.uint8)
-        return 1.0 - _grown(robot, up, aside).astype(np.float32)
-
 
 @dataclass(frozen=True, eq=False)
 class RobotMask:
@@ -82,7 +74,7 @@ class RobotMask:
             # what is only touched by the robot belongs to it, both when the picture is smaller and when it is larger
             full = cv2.resize(self.robot.astype(np.float32), (width, height), interpolation=cv2.INTER_AREA)
             robot = np.asarray(cv2.resize(full[region], (columns, rows), interpolation=cv2.INTER_AREA))
-            grown = _grown((robot > 1e-3).astype(np.uint8), MARGIN_PX, MARGIN_PX)
+            grown = _grown((robot > 1e-3).astype(np.uint8), MARGIN_PX)
             self._seen.clear()  # a camera changes its size seldom
             self._seen[key] = Seen(1.0 - grown.astype(np.float32), merged)
         return self._seen[key]
@@ -113,8 +105,8 @@ def load_mask(config: CompassConfig) -> RobotMask | None:
     return RobotMask(np.asarray(picture) > WHITE)
 
 
-def _grown(robot: npt.NDArray[np.uint8], up: int, aside: int) -> npt.NDArray[np.uint8]:
+def _grown(robot: npt.NDArray[np.uint8], by: int) -> npt.NDArray[np.uint8]:
     """`robot` (0 or 1), larger by so many rows and columns, round the circle."""
-    around = np.take(robot, np.arange(-aside, robot.shape[1] + aside), axis=1, mode="wrap")
-    grown = cv2.dilate(np.ascontiguousarray(around), np.ones((2 * up + 1, 2 * aside + 1), np.uint8))
-    return np.asarray(grown, np.uint8)[:, aside : aside + robot.shape[1]]
+    around = np.take(robot, np.arange(-by, robot.shape[1] + by), axis=1, mode="wrap")
+    grown = cv2.dilate(np.ascontiguousarray(around), np.ones((2 * by + 1, 2 * by + 1), np.uint8))
+    return np.asarray(grown, np.uint8)[:, by : by + robot.shape[1]]

@@ -11,7 +11,7 @@ import pytest
 from panoramas import START_NS, as_bytes, compare, scene, seen_from, shifted, show
 
 from compass import CompassConfig, CompassStatus, ConfigError, VisualCompass
-from compass.local import REACH_PX
+from compass.local import REACH_PX, local_shifts
 from compass.mask import MARGIN_PX, load_mask
 from compass.strip import prepare_strip
 
@@ -139,3 +139,15 @@ def test_mask_that_cannot_be_read_is_named_with_its_cure(tmp_path, content):
         path.write_bytes(content)
     with pytest.raises(ConfigError, match=r"mask\.png: .*; give the path of a PNG"):
         VisualCompass(CompassConfig(mask=str(path)))
+
+
+def test_mask_sectors_that_show_the_robot_give_no_answer(masts):
+    config, image = CompassConfig(mask=masts), scene(1, WIDTH, WIDTH // 2)
+    mask, images = load_mask(config), (with_masts(image), with_masts(shifted(image, 2.0)))
+    before, now = (prepare_strip(0, as_bytes(one), config, "", mask) for one in images)
+    sectors = local_shifts(before, now, 0.0, 64, 32.0)
+    centre, half = MASTS[1]
+    distance = np.abs(sectors.centre_px - centre)
+    assert distance.min() > half  # a window centred on the pole's edge shows, with the margin, mostly the pole
+    assert sectors.shift_px.size >= 64 - 2 * 30 // 8  # the rest is there
+    assert np.median(np.abs(sectors.shift_px - 2.0)) < 0.01
