@@ -40,8 +40,8 @@ SURELY = 0.999
 NEGLIGIBLE = 12.0  # log-likelihood below the best of a hypothesis that is dropped
 MODEL_ERROR_PX = 0.04  # what is left out of all this, as soon as anything is pushed
 MASKED_ERROR_PX = 0.007  # what the edges of a mask, which stay, leave in all rows pooled
-PUSHED_PX = 1.0  # pushes beyond this without a fifth of it in growth
-TOO_LITTLE = 0.2
+PUSHED_PX = 1.0  # pushes beyond this with less than that share of it in growth are not of this world: 0.4 is
+TOO_LITTLE = 0.3
 ABEAM = 0.02  # cosine below which a growth says nothing
 
 

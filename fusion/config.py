@@ -28,7 +28,7 @@ class FusionConfig(ParameterSet):
         1.0, "how fast the turn rate changes: its standard deviation after one second", unit="rad/s/sqrt(s)",
         low=1e-4, high=100.0,
     )  # fmt: skip
-    rate_ramp: float = parameter(0.05, "how long an acceleration of the turning lasts", unit="s", low=1e-3, high=10.0)
+    rate_ramp: float = parameter(0.02, "how long an acceleration of the turning lasts", unit="s", low=1e-3, high=10.0)
     gyro_sigma: float = parameter(
         0.0025, "white noise of one gyro sample, standard deviation", unit="rad/s", low=1e-6, high=10.0
     )
