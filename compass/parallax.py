@@ -10,7 +10,7 @@ combination of a grid is a hypothesis, among them that of no push at all, and th
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
@@ -35,13 +35,12 @@ MISLED = 0.15  # probability that a sector's growth has nothing to do with its p
 MISLED_PX = 3.0  # how large such a growth is
 OUTLIER = -8.0  # log-likelihood of a sector that fits nothing: people, reflections, wrong peaks
 INDEPENDENT = 0.4  # share of the sectors: each has half its columns in common with its neighbours
+FLAT = -6.0  # log-probability that no growth of the image tells a push: another projection, only upright lines
 GRID = 25
 SURELY = 0.999
 NEGLIGIBLE = 12.0  # log-likelihood below the best of a hypothesis that is dropped
 MODEL_ERROR_PX = 0.04  # what is left out of all this, as soon as anything is pushed
 MASKED_ERROR_PX = 0.007  # what the edges of a mask, which stay, leave in all rows pooled
-PUSHED_PX = 1.0  # pushes beyond this with less than that share of it in growth are not of this world: 0.4 is
-TOO_LITTLE = 0.3
 ABEAM = 0.02  # cosine below which a growth says nothing
 
 
@@ -64,19 +63,30 @@ class SectorEvidence:
         From the robot's +x to the left, rad.
     shift_px, sigma_px : array
         Shift to the right and its deviation, columns.
-    growth_px, growth_sigma_px : array
-        Growth and its deviation, columns; `UNKNOWN_PX` where it is not known.
+    growth_px, growth_noise_px : array
+        Growth and the deviation of its noise, columns; `UNKNOWN_PX` where it is not known.
     """
 
     azimuth: Pixels
     shift_px: Floats
     sigma_px: Pixels
     growth_px: Pixels
-    growth_sigma_px: Pixels
+    growth_noise_px: Pixels
+
+    @property
+    def growth_sigma_px(self) -> Pixels:
+        """Deviation of a growth from what the push of its sector would have it be, columns."""
+        sigma: Pixels = np.hypot(self.growth_noise_px, np.float32(GROWTH_ERROR) * self.growth_px)
+        return sigma
 
     def every_other(self) -> SectorEvidence:
         """Half of the sectors, all round."""
         return SectorEvidence(*(getattr(self, field.name)[::2] for field in fields(self)))
+
+    def without_growth(self) -> SectorEvidence:
+        """The shifts alone."""
+        unknown = np.full_like(self.growth_px, UNKNOWN_PX)
+        return replace(self, growth_px=np.zeros_like(unknown), growth_noise_px=unknown)
 
 
 def match_parallax(reference: Strip, current: Strip, search: Search) -> Match:
@@ -107,24 +117,17 @@ def _evidence(sectors: SectorShifts, growth: Growth | None, forward_px: float, c
     """Sectors with the tilt's share taken out of their shifts."""
     azimuth: Floats = -2.0 * np.pi * (sectors.centre_px - forward_px) / columns
     shift: Floats
-    sigma: Floats
-    shift, grown, sigma = sectors.shift_px, np.zeros_like(azimuth), np.full_like(azimuth, UNKNOWN_PX)
+    noise: Floats
+    shift, grown, noise = sectors.shift_px, np.zeros_like(azimuth), np.full_like(azimuth, UNKNOWN_PX)
     if growth is not None:
         index = np.round(sectors.centre_px * SECTORS / columns).astype(np.intp) % SECTORS
         grown, shift = growth.growth_px[index], shift - growth.aside_px[index]
-        if not _without_height(shift, grown):
-            sigma = np.sqrt(growth.sigma_px[index] ** 2 + GROWTH_FLOOR_PX**2 + (GROWTH_ERROR * grown) ** 2)
-    return SectorEvidence(_single(azimuth), shift, _single(sectors.sigma_px), _single(grown), _single(sigma))
+        noise = np.hypot(growth.sigma_px[index], GROWTH_FLOOR_PX)
+    return SectorEvidence(_single(azimuth), shift, _single(sectors.sigma_px), _single(grown), _single(noise))
 
 
 def _single(values: Floats) -> Pixels:
     return values.astype(np.float32)
-
-
-def _without_height(shift_px: Floats, growth_px: Floats) -> bool:
-    """Whether sectors were pushed apart but did not grow: no equirectangular panorama, or nothing but upright lines."""
-    pushed = _quantile(np.abs(shift_px - _quantile(shift_px, 0.5)), 0.75)
-    return pushed > PUSHED_PX and _quantile(np.abs(growth_px), 0.75) < TOO_LITTLE * pushed
 
 
 def _quantile(values: Floats, share: float) -> float:
@@ -133,38 +136,45 @@ def _quantile(values: Floats, share: float) -> float:
 
 
 def turn_posterior(sectors: SectorEvidence) -> Posterior:
-    """Posterior of the turn from the shifts and growths of sectors, on a grid that closes in on it.
-
-    First every other sector is asked, for all directions and scales; then all of them for those near the best.
-    """
+    """Posterior of the turn from the shifts and growths of sectors, on a grid that closes in on it."""
     low, high = _quantile(sectors.shift_px, 0.03) - 0.3, _quantile(sectors.shift_px, 0.97) + 0.3
-    asked = sectors.every_other()
-    directions, scales = 2.0 * np.pi / COARSE * np.arange(COARSE), SCALES_PX
+    sectors, directions, scales, low, high = _roughly(sectors, low, high)
     while True:
         grid, step = np.linspace(low, high, GRID, retstep=True)
-        residual = (asked.shift_px[:, None] - grid).astype(np.float32)
-        pushed = INDEPENDENT * _log_likelihood_pushed(asked, directions, scales, residual)
-        unpushed = INDEPENDENT * _log_likelihood_unpushed(asked, residual)
+        residual = (sectors.shift_px[:, None] - grid).astype(np.float32)
+        pushed = INDEPENDENT * _log_likelihood_pushed(sectors, directions, scales, residual)
+        unpushed = INDEPENDENT * _log_likelihood_unpushed(sectors, residual)
         likelihood = np.vstack([unpushed, pushed.reshape(-1, GRID)])
-        at = int(likelihood.argmax()) % GRID
-        if asked is sectors:
-            each = np.exp(likelihood - likelihood.max())
-            weight = each.sum(axis=0, dtype=np.float64)
-            pure = float(each[0].sum() / weight.sum())
-            weight /= weight.sum()
-            mean = float(weight @ grid)
-            variance = float(weight @ (grid - mean) ** 2)
-            if variance > step**2 or pure > SURELY or step < 1e-4:
-                return Posterior(mean, variance + float(step**2) / 12.0, pure)
+        each = np.exp(likelihood - likelihood.max())
+        weight = each.sum(axis=0, dtype=np.float64)
+        pure = float(each[0].sum() / weight.sum())
+        weight /= weight.sum()
+        mean = float(weight @ grid)
+        variance = float(weight @ (grid - mean) ** 2)
+        if variance > step**2 or pure > SURELY or step < 1e-4:
+            return Posterior(mean, variance + float(step**2) / 12.0, pure)
         peaks = pushed.max(axis=2)
-        if asked is sectors:
-            likely = peaks > peaks.max() - NEGLIGIBLE
-            directions, scales = directions[likely.any(axis=1)], scales[likely.any(axis=0)]
-        else:
-            direction, scale = np.unravel_index(int(peaks.argmax()), peaks.shape)
-            directions, scales = directions[direction] + FINE, scales[max(scale - 1, 0) : scale + 2]
-        asked = sectors
-        low, high = float(grid[at]) - 3.0 * step, float(grid[at]) + 3.0 * step
+        likely = peaks > peaks.max() - NEGLIGIBLE
+        directions, scales = directions[likely.any(axis=1)], scales[likely.any(axis=0)]
+        best = float(grid[int(likelihood.argmax()) % GRID])
+        low, high = best - 3.0 * step, best + 3.0 * step
+
+
+def _roughly(sectors: SectorEvidence, low: float, high: float) -> tuple[SectorEvidence, Floats, Pixels, float, float]:
+    """What every other sector says: whether growths are of use, directions, scales and turns worth a closer look."""
+    asked = sectors.every_other()
+    directions = 2.0 * np.pi / COARSE * np.arange(COARSE)
+    grid, step = np.linspace(low, high, GRID, retstep=True)
+    residual = (asked.shift_px[:, None] - grid).astype(np.float32)
+    pushed = INDEPENDENT * _log_likelihood_pushed(asked, directions, SCALES_PX, residual)
+    flat = INDEPENDENT * _log_likelihood_flat(asked, directions, SCALES_PX, residual) + FLAT
+    if flat.max() > pushed.max():
+        sectors, pushed = sectors.without_growth(), flat
+    unpushed = INDEPENDENT * _log_likelihood_unpushed(asked, residual)
+    best = float(grid[int(np.vstack([unpushed, pushed.reshape(-1, GRID)]).argmax()) % GRID])
+    direction, scale = np.unravel_index(int(pushed.max(axis=2).argmax()), pushed.shape[:2])
+    near = SCALES_PX[max(scale - 1, 0) : scale + 2]
+    return sectors, directions[direction] + FINE, near, best - 3.0 * step, best + 3.0 * step
 
 
 def _log_likelihood_unpushed(sectors: SectorEvidence, residual: Pixels) -> Pixels:
@@ -209,6 +219,17 @@ def _log_likelihood_pushed(sectors: SectorEvidence, directions: Floats, scales: 
     weight_typical = np.maximum(grown + np.log((1.0 - MISLED) * unknown + 1e-9), misled + np.log(MISLED))
     total = _log_typical(sectors, sine, scales, weight_typical, residual)
     np.maximum(total, told[:, None] + weight_told[..., None], out=total)
+    np.maximum(total, (misled + OUTLIER)[:, None], out=total)
+    likelihood: Pixels = total.sum(axis=2)
+    return likelihood
+
+
+def _log_likelihood_flat(sectors: SectorEvidence, directions: Floats, scales: Pixels, residual: Pixels) -> Pixels:
+    """The same if growths are but noise, whatever the push."""
+    sine = np.sin(sectors.azimuth - directions[:, None].astype(np.float32))
+    misled = _log_misled(sectors)
+    noise = np.maximum(_log_normal(sectors.growth_px, sectors.growth_noise_px), misled + np.log(MISLED))
+    total = _log_typical(sectors, sine, scales, noise, residual)
     np.maximum(total, (misled + OUTLIER)[:, None], out=total)
     likelihood: Pixels = total.sum(axis=2)
     return likelihood

@@ -195,10 +195,8 @@ def test_driving_past_walls_turns_the_default_far_less_than_the_papers_method(di
         for method in ("rows", "sectors", DEFAULT)
     }
     print({method: round(value, 4) for method, value in rms.items()})
-    # columns alone are moved here: pushes without growth, as no camera sees them; with both it is a tenth (see below)
-    assert rms[DEFAULT] < rms["rows"] / 2.0
-    # between equal walls a median is right by symmetry
-    assert left == right or rms[DEFAULT] < rms["sectors"]
+    assert rms[DEFAULT] < rms["rows"] / 3.0
+    assert rms[DEFAULT] < rms["sectors"]
 
 
 def test_driving_past_walls_over_all_directions_a_seventh_of_the_papers_error():
