@@ -166,14 +166,24 @@ class YawFilter:
         state.stillness = stillness
 
     def _fuse_gyro(self, state: FilterState, event: GyroEvent) -> None:
-        sample = event.sample
+        sample, refused = event.sample, state.gates[Sensor.GYRO]
         state.vote = state.vote.with_gyro(sample)
         measurement = self._ekf.gyro(sample.yaw_rate, self._gyro_sigma(state, sample) ** 2)
-        if self._judge(state, Sensor.GYRO, measurement) is Verdict.RECOVERED:
+        verdict = self._judge(state, Sensor.GYRO, measurement)
+        if verdict is Verdict.RECOVERED:
             # the bias has jumped: open it until the gate is met
             excess = measurement.innovation**2 / self._limit - self._ekf.innovation_variance(measurement)
             self._ekf.widen(State.BIAS, excess)
             self._ekf.correct(measurement)
+        elif (
+            verdict is Verdict.REJECTED
+            and refused.refused_like(measurement.innovation)
+            and state.vote.distrusted is not Sensor.GYRO
+        ):
+            # twice on the same side: the robot turns harder than was to be expected, since the last sample accepted
+            seconds = (event.t_ns - (refused.accepted_ns or event.t_ns)) * 1e-9
+            self._ekf.widen(State.RATE, measurement.innovation**2)
+            self._ekf.widen(State.YAW, (measurement.innovation * seconds) ** 2)
 
     def _fuse_tracks(self, state: FilterState, event: TracksEvent) -> None:
         sample, ekf, tracks = event.sample, self._ekf, state.tracks

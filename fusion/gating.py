@@ -71,6 +71,14 @@ class Gate:
     accepted_ns: int | None = None
     report: SensorReport | None = None
 
+    def refused_like(self, innovation: float) -> bool:
+        """Whether the last sample was refused, and on the same side as one of this innovation would be."""
+        return (
+            self.rejecting_since_ns is not None
+            and self.report is not None
+            and self.report.innovation * innovation > 0.0
+        )
+
     def judge(self, t_ns: int, innovation: float, S: float, limit: float, recovery_ns: int) -> Gate:
         """Next state of the gate after an innovation of variance `S`; its verdict is in the report."""
         since, accepted_ns = self.rejecting_since_ns, self.accepted_ns

@@ -184,6 +184,47 @@ def test_compass_on_a_false_match_is_let_in_again_without_turning_the_yaw():
     assert fusion.estimate().yaw == pytest.approx(2.0, abs=0.02)
 
 
+def reversing(before, after, within):
+    """Gyro at 100 Hz and increments at 10 Hz of a turn (rad/s) that is reversed after 3 s; and the final yaw."""
+    rng = np.random.default_rng(0)
+    t = np.arange(6000) * 1e-3
+    rate = np.interp(t, [0.0, 1.0, 1.2, 3.0, 3.0 + within, 6.0], [0.0, 0.0, before, before, after, after])
+    yaw = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1])) * 1e-3])
+    samples = [GyroSample(k * 10**6, float(rate[k] + 0.003 + 0.0025 * rng.normal())) for k in range(0, 6000, 10)]
+    for a, b in pairwise(range(17, 6000, 100)):
+        turn = yaw[b] - yaw[a] + 5e-5 * rng.normal()
+        samples.append(YawIncrement(a * 10**6, b * 10**6, float(turn), 25e-10, 0.9))
+    return sorted(samples, key=lambda sample: sample.t_ns), yaw[5990]
+
+
+@pytest.mark.parametrize("ramp", [0.02, 0.05])
+@pytest.mark.parametrize(
+    ("before", "after", "within"), [(-0.37, 0.86, 0.1), (1.0, -1.0, 0.1), (1.0, -1.0, 0.05)], ids=str
+)
+def test_sudden_reversal_is_believed(before, after, within, ramp):
+    """Were the gyro refused for long, the compass would seem wrong too: up to 16 deg were lost for good."""
+    samples, yaw = reversing(before, after, within)
+    fusion = YawFusion(FusionConfig(rate_ramp=ramp))
+    for sample in samples:
+        fusion.add(sample)
+    # 60 increments of 5e-5 rad leave 0.02 deg; while two gyro samples are refused, 0.02 s at a rate that is wrong by
+    # 1 rad/s make 1.1 deg, most of which the next increment takes back
+    assert abs(fusion.estimate().yaw - yaw) < math.radians(0.5)
+    reports = fusion.reports()
+    assert reports[Sensor.GYRO].rejected <= 10  # of the 5 or 10 samples meanwhile
+    assert reports[Sensor.COMPASS].rejected + reports[Sensor.COMPASS].recovered <= 2
+
+
+@pytest.mark.parametrize("spike", [0.5, -5.0])
+def test_single_spike_of_the_gyro_leaves_no_trace(spike):
+    at_ns, samples = 5_010_000_000, turning(0.5, 10.0, ("gyro",))
+    spiked = fused([GyroSample(at_ns, 0.5 + spike) if s.t_ns == at_ns else s for s in samples])
+    without = fused([s for s in samples if s.t_ns != at_ns])
+    assert spiked.yaw == pytest.approx(without.yaw, abs=1e-9)
+    # two short steps instead of a long one; a spike believed for 10 ms would add (0.5 * 0.01)^2, a four hundredth
+    assert spiked.yaw_variance == pytest.approx(without.yaw_variance, rel=1e-5)
+
+
 @pytest.mark.parametrize("heading", [0.0, 1.0, math.pi - 1e-9, -2.0])
 def test_set_yaw_keeps_the_turn_count(heading):
     fusion = YawFusion()
