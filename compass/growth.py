@@ -29,9 +29,8 @@ TILT_OUTLIER = 2.0  # deviations from where on a sector has less to say about th
 TILT_ROUNDS = 3
 RIDGE = 1e-3
 
-SHIFT, GAIN, GROWTH, RISE, SHEAR = range(
-    5
-)  # how a sector's grey values can change; the rows and columns of its normal matrix
+# how the grey values of a sector can change: rows and columns of its normal matrix
+SHIFT, GAIN, GROWTH, RISE, SHEAR = range(5)
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,19 +86,19 @@ def measure_growth(
     keyframe = _gradients(reference, count, per_circle)
     if keyframe is None:
         return None
-    columns = reference.columns
+    columns, px = reference.softened.shape[1], 1.0 / reference.every
     windows = sector_windows(columns, count, per_circle)
-    change = _brought_over(current.softened, sectors, columns) - reference.softened
+    change = _brought_over(current.softened, sectors, px) - reference.softened
     change[0] = change[-1] = 0.0
     products = np.einsum("irx,rx->ix", keyframe.changes, change)
     products = sector_sums(products, count, per_circle).T.astype(np.float64)
     energy = sector_sums(np.einsum("rx,rx->x", change, change), count, per_circle)
-    pixels = float(windows[0].sum()) * change.shape[0] / CORRELATED_PIXELS
+    pixels = float(windows[0].sum()) * change.shape[0] * reference.every / CORRELATED_PIXELS
 
     azimuth = -np.pi * (2.0 * np.arange(count) / count - 1.0)
     per_rad = columns / (2.0 * np.pi)
     answered = np.zeros(count, bool)
-    answered[np.round(sectors.centre_px * count / columns).astype(np.intp) % count] = True
+    answered[np.round(sectors.centre_px * px * count / columns).astype(np.intp) % count] = True
     tilt = _tilt(keyframe, change, windows, answered, per_rad, azimuth)
     sine, cosine = np.sin(azimuth), np.cos(azimuth)
     by_tilt = per_rad * np.stack([sine * tilt[0] - cosine * tilt[1], -cosine * tilt[0] - sine * tilt[1]], axis=1)
@@ -113,7 +112,7 @@ def measure_growth(
     )
     variance = np.maximum(left, 1e-3) / pixels * keyframe.inverse[:, GROWTH, GROWTH]
     shear = keyframe.normal[:, SHIFT, SHEAR] / np.maximum(keyframe.normal[:, SHIFT, SHIFT], 1e-9)
-    return Growth(solution[:, GROWTH], np.sqrt(variance), -shear * by_tilt[:, 1], tilt)
+    return Growth(solution[:, GROWTH] / px, np.sqrt(variance) / px, -shear * by_tilt[:, 1] / px, tilt)
 
 
 def _tilt(
@@ -148,7 +147,7 @@ def _gradients(strip: Strip, count: int, per_circle: float) -> _Gradients | None
     band = np.flatnonzero(np.abs(elevation) < HORIZON)
     if band.size < FEWEST_ROWS or elevation.size < 3 * FEWEST_ROWS:
         return None
-    columns = strip.columns
+    columns = soft.shape[1]
     per_row = float(elevation[0] - elevation[-1]) / (elevation.size - 1) * columns / (2.0 * np.pi)
     padded = np.pad(soft, ((2, 2), (0, 0)), mode="edge")
     rise = (8.0 * (padded[3:-1] - padded[1:-3]) - padded[4:] + padded[:-4]) / np.float32(12.0 * per_row)  # five points
@@ -156,35 +155,35 @@ def _gradients(strip: Strip, count: int, per_circle: float) -> _Gradients | None
     e = elevation.astype(np.float32)[:, None]
     changes = np.stack([right, soft, rise * (np.sin(e) * np.cos(e)), rise, right * np.tan(e)])
     changes[:, [0, -1]] = 0.0
-    windows = sector_windows(columns, count, per_circle)
     rows = slice(int(band[0]), int(band[-1]) + 1)
-    normal = _normal(changes, windows)
+    normal = _normal(changes, count, per_circle)
     return _Gradients(
         changes,
         normal,
         rows,
-        np.linalg.inv(_normal(changes[:SHEAR, rows], windows)),
+        np.linalg.inv(_normal(changes[:SHEAR, rows], count, per_circle)),
         np.linalg.inv(normal[:, :RISE, :RISE]),
     )
 
 
-def _normal(changes: Pixels, windows: Pixels) -> Floats:
+def _normal(changes: Pixels, count: int, per_circle: float) -> Floats:
     """(sectors, n, n) normal matrices, with a ridge."""
     size = len(changes)
-    normal = np.empty((len(windows), size, size))
-    for one in range(size):
-        for other in range(one + 1):
-            normal[:, one, other] = windows @ np.einsum("rx,rx->x", changes[one], changes[other])
-            normal[:, other, one] = normal[:, one, other]
+    upper = [(one, other) for one in range(size) for other in range(one, size)]
+    products = np.stack([np.einsum("rx,rx->x", changes[one], changes[other]) for one, other in upper])
+    normal = np.empty((count, size, size))
+    for (one, other), sums in zip(upper, sector_sums(products, count, per_circle), strict=True):
+        normal[:, one, other] = normal[:, other, one] = sums
     diagonal = np.einsum("kii->ki", normal)  # a view
     diagonal *= 1.0 + RIDGE
     diagonal += 1e-6
     return normal
 
 
-def _brought_over(pixels: Pixels, sectors: SectorShifts, columns: int) -> Pixels:
-    """Columns of the current strip over those of the reference they belong to."""
-    shift = np.interp(np.arange(columns), sectors.centre_px, sectors.shift_px, period=columns)
+def _brought_over(pixels: Pixels, sectors: SectorShifts, px: float) -> Pixels:
+    """Columns of the current strip, each `1 / px` wide, over those of the reference they belong to."""
+    columns = pixels.shape[1]
+    shift = np.interp(np.arange(columns), sectors.centre_px * px, sectors.shift_px * px, period=columns)
     position = (np.arange(columns) + shift) % columns
     whole = position.astype(np.intp)
     part = (position - whole).astype(np.float32)

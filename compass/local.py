@@ -199,10 +199,17 @@ def sector_sums(values: Pixels, sectors: int, per_circle: float) -> Pixels:
     if columns % sectors or overlap % 2 or overlap * per_circle != sectors:
         dense: Pixels = values @ sector_windows(columns, sectors, per_circle).T
         return dense
-    step = columns // sectors
-    first = np.roll(sector_windows(columns, sectors, per_circle)[0], overlap * step // 2)[: overlap * step]
-    parts = values.reshape(*values.shape[:-1], sectors, step) @ first.reshape(overlap, step).T
-    total: Pixels = np.roll(parts[..., 0], overlap // 2, axis=-1)
-    for part in range(1, overlap):
-        total += np.roll(parts[..., part], overlap // 2 - part, axis=-1)
+    parts = values.reshape(*values.shape[:-1], sectors, columns // sectors) @ _window_parts(columns, sectors, overlap)
+    around = np.concatenate([parts[..., -(overlap // 2) :, :], parts, parts[..., : overlap // 2, :]], axis=-2)
+    total: Pixels = around[..., :sectors, 0] + around[..., 1 : sectors + 1, 1]
+    for part in range(2, overlap):
+        total += around[..., part : sectors + part, part]
     return total
+
+
+@lru_cache(maxsize=8)
+def _window_parts(columns: int, sectors: int, overlap: int) -> Pixels:
+    """(columns / sectors, overlap) window that is `overlap` times as wide as its distance from the next, in pieces."""
+    step = columns // sectors
+    window = sector_windows(columns, sectors, sectors / overlap)[0]
+    return np.ascontiguousarray(np.roll(window, overlap * step // 2)[: overlap * step].reshape(overlap, step).T)

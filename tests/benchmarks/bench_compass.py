@@ -29,7 +29,7 @@ from compass.config import METHODS
 from compass.strip import prepare_strip
 
 sys.path.insert(0, str(Path(__file__).parent.parent))
-from panoramas import FRAME_NS, PHOTO_NAMES, PHOTOS, as_bytes, compare, photo, scene, shifted
+from panoramas import FRAME_NS, PHOTO_NAMES, PHOTOS, as_bytes, azimuths, compare, photo, scene, seen_from, shifted
 
 LIMIT = 12.0  # times the transform of the strip
 REPEATS = 12
@@ -52,17 +52,12 @@ def turning_frames(count: int = 24) -> list[np.ndarray]:
 
 
 def driving_frames(count: int = 24) -> list[np.ndarray]:
-    """Things to the left and to the right move backward, by up to 1.5 columns a frame."""
+    """The camera drives past a wall 1 m to its left and one 3 m to its right: at most 1.5 columns a frame."""
     image = scene(0, SHAPE[1], SHAPE[0])
-    column = np.arange(SHAPE[1], dtype=np.float32)
-    push = 1.5 * np.sin(column / SHAPE[1] * math.tau)
-    row = np.repeat(np.arange(SHAPE[0], dtype=np.float32)[:, None], SHAPE[1], axis=1)
-    frames = []
-    for index in range(count):
-        source = np.tile((column - index * push).astype(np.float32), (SHAPE[0], 1))
-        moved = cv2.remap(image, source, row, cv2.INTER_CUBIC, borderMode=cv2.BORDER_WRAP)
-        frames.append(as_bytes(moved, NOISE, index))
-    return frames
+    azimuth = azimuths(SHAPE[1])
+    walls = np.where(azimuth > 0.0, 1.0, 3.0)
+    step = 1.5 * math.tau / SHAPE[1]
+    return [as_bytes(seen_from(image, index * step, 0.0, walls), NOISE, index) for index in range(count)]
 
 
 def cost(method: str, frames: list[np.ndarray]) -> tuple[float, float, float]:
