@@ -187,8 +187,8 @@ def _brought_over(pixels: Pixels, sectors: SectorShifts, px: float) -> Pixels:
     position = (np.arange(columns) + shift) % columns
     whole = position.astype(np.intp)
     part = (position - whole).astype(np.float32)
-    left = np.take(pixels, whole % columns, axis=1)
-    right = np.take(pixels, (whole + 1) % columns, axis=1)
+    left: Pixels = np.take(pixels, whole % columns, axis=1)
+    right: Pixels = np.take(pixels, (whole + 1) % columns, axis=1)
     right -= left
     right *= part
     right += left

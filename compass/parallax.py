@@ -34,23 +34,24 @@ UNKNOWN_PX = 1e3
 MISLED = 0.15  # probability that a sector's growth has nothing to do with its push
 MISLED_PX = 3.0  # how large such a growth is
 OUTLIER = -8.0  # log-likelihood of a sector that fits nothing: people, reflections, wrong peaks
-INDEPENDENT = 0.4  # share of the sectors: each has half its columns in common with its neighbours
+INDEPENDENT = 0.7  # share of the sectors: each has half its columns in common with its neighbours
 FLAT = -6.0  # log-probability that no growth of the image tells a push: another projection, only upright lines
 GRID = 25
-SURELY = 0.999
 NEGLIGIBLE = 12.0  # log-likelihood below the best of a hypothesis that is dropped
-MODEL_ERROR_PX = 0.04  # what is left out of all this, as soon as anything is pushed
+CURVE_ERROR_PX = 0.065  # of a camera that turned by more than TURNING while parts moved apart by more than PUSHED_PX
+TURNING = np.deg2rad(3.0)
+PUSHED_PX = 2.0
+LEAN_ERROR = 0.045  # of what is known of the camera's lean, rad
 MASKED_ERROR_PX = 0.007  # what the edges of a mask, which stay, leave in all rows pooled
 ABEAM = 0.02  # cosine below which a growth says nothing
 
 
 @dataclass(frozen=True, slots=True)
 class Posterior:
-    """Turn in columns: mean and variance, and how probable it is that nothing but a turn happened."""
+    """Turn in columns: mean and variance."""
 
     mean_px: float
     variance_px2: float
-    pure_turn: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,9 +109,20 @@ def match_parallax(reference: Strip, current: Strip, search: Search) -> Match:
     evidence = _evidence(sectors, growth, search.forward_px, reference.columns)
     posterior = turn_posterior(evidence)
     spread = _quantile(np.abs(evidence.shift_px - posterior.mean_px), 0.75)
-    turn, variance = _with_pooled(posterior, coarse, _bound(coarse, reference), MODEL_ERROR_PX * min(spread, 1.0))
-    shift = float(signed(turn, reference.columns))
+    variance = posterior.variance_px2 + _left_out(posterior.mean_px, spread, tilt, reference.columns) ** 2
+    shift = float(signed(posterior.mean_px, reference.columns))
     return Match(shift, variance, confidence, status, spread, tilt)
+
+
+def _left_out(turn_px: float, spread_px: float, tilt: tuple[float, float], columns: int) -> float:
+    """Error of a turn that the posterior does not know of, columns.
+
+    A camera that turns as it is pushed moves on a curve, not on a line. And what a tilt has to do with the heading
+    depends on how the camera leans, which is a guess (see `attitude`).
+    """
+    turning = min(abs(turn_px) * 2.0 * np.pi / columns / TURNING, 1.0) * min(spread_px / PUSHED_PX, 1.0)
+    leaning = LEAN_ERROR * np.hypot(*tilt) * columns / (2.0 * np.pi)
+    return float(np.hypot(CURVE_ERROR_PX * turning, leaning))
 
 
 def _evidence(sectors: SectorShifts, growth: Growth | None, forward_px: float, columns: int) -> SectorEvidence:
@@ -145,14 +157,12 @@ def turn_posterior(sectors: SectorEvidence) -> Posterior:
         pushed = INDEPENDENT * _log_likelihood_pushed(sectors, directions, scales, residual)
         unpushed = INDEPENDENT * _log_likelihood_unpushed(sectors, residual)
         likelihood = np.vstack([unpushed, pushed.reshape(-1, GRID)])
-        each = np.exp(likelihood - likelihood.max())
-        weight = each.sum(axis=0, dtype=np.float64)
-        pure = float(each[0].sum() / weight.sum())
+        weight = np.exp(likelihood - likelihood.max()).sum(axis=0, dtype=np.float64)
         weight /= weight.sum()
         mean = float(weight @ grid)
         variance = float(weight @ (grid - mean) ** 2)
-        if variance > step**2 or pure > SURELY or step < 1e-4:
-            return Posterior(mean, variance + float(step**2) / 12.0, pure)
+        if variance > step**2 or step < 1e-4:
+            return Posterior(mean, variance + float(step**2) / 12.0)
         peaks = pushed.max(axis=2)
         likely = peaks > peaks.max() - NEGLIGIBLE
         directions, scales = directions[likely.any(axis=1)], scales[likely.any(axis=0)]
@@ -278,13 +288,3 @@ def _bound(coarse: Peak, reference: Strip) -> float:
     """Cramer-Rao bound of the variance of the shift of all rows pooled, columns^2."""
     bound = 2.0 * max(1.0 - coarse.value, 1e-6) / (reference.pixels.size * max(-coarse.curvature, 1e-12))
     return bound if reference.seen is None else bound + MASKED_ERROR_PX**2
-
-
-def _with_pooled(posterior: Posterior, coarse: Peak, bound: float, model_error_px: float) -> tuple[float, float]:
-    """Where nothing but a turn happened, all rows pooled know it best: they reach the Cramer-Rao bound."""
-    pushed = posterior.variance_px2 + model_error_px**2
-    apart = coarse.shift_px - posterior.mean_px
-    pure = posterior.pure_turn if apart**2 < 9.0 * pushed else 0.0
-    turn = posterior.mean_px + pure * apart
-    variance = pure * bound + (1.0 - pure) * pushed + pure * (1.0 - pure) * apart**2
-    return turn, variance
