@@ -16,6 +16,7 @@ import numpy as np
 
 from compass.correlation import Floats, Peak, signed
 from compass.growth import Growth, measure_growth
+from compass.increment import CompassStatus
 from compass.local import SectorShifts, coarse_shift, local_shifts
 from compass.match import Match, Search
 from compass.sectors import match_sectors
@@ -41,6 +42,7 @@ NEGLIGIBLE = 12.0  # log-likelihood below the best of a hypothesis that is dropp
 CURVE_ERROR_PX = 0.065  # of a camera that turned by more than TURNING while parts moved apart by more than PUSHED_PX
 TURNING = np.deg2rad(3.0)
 PUSHED_PX = 2.0
+UNRELATED_PX = 0.33  # a deviation beyond it: no turn explains the sectors, they show another place
 LEAN_ERROR = 0.045  # of what is known of the camera's lean, rad
 MASKED_ERROR_PX = 0.007  # what the edges of a mask, which stay, leave in all rows pooled
 ABEAM = 0.02  # cosine below which a growth says nothing
@@ -110,6 +112,8 @@ def match_parallax(reference: Strip, current: Strip, search: Search) -> Match:
     posterior = turn_posterior(evidence)
     spread = _quantile(np.abs(evidence.shift_px - posterior.mean_px), 0.75)
     variance = posterior.variance_px2 + _left_out(posterior.mean_px, spread, tilt, reference.columns) ** 2
+    if variance > UNRELATED_PX**2:
+        status = CompassStatus.LOW_CONFIDENCE
     shift = float(signed(posterior.mean_px, reference.columns))
     return Match(shift, variance, confidence, status, spread, tilt)
 

@@ -260,8 +260,9 @@ def test_big_turn_between_two_frames_is_found_despite_max_yaw_rate(name, degrees
     assert abs(wrap_angle(increment.yaw - columns * math.tau / 1024)) < 5.0 * 1.5 * bound(name)
 
 
-def test_medians_of_sectors_give_no_increment_between_unrelated_places():
-    compass = compass_of("sectors")
+@pytest.mark.parametrize("method", ["sectors", DEFAULT])
+def test_no_increment_between_unrelated_places(method):
+    compass = compass_of(method)
     for first in PHOTO_NAMES:
         for second in PHOTO_NAMES:
             if first != second:
