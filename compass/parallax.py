@@ -165,8 +165,8 @@ def turn_posterior(sectors: SectorEvidence) -> Posterior:
         weight /= weight.sum()
         mean = float(weight @ grid)
         variance = float(weight @ (grid - mean) ** 2)
-        if variance > step**2 or step < 1e-4:
-            return Posterior(mean, variance + float(step**2) / 12.0)
+        if variance > 0.25 * step**2 or step < 1e-4:  # a normal's sum over such steps is its integral
+            return Posterior(mean, variance)
         peaks = pushed.max(axis=2)
         likely = peaks > peaks.max() - NEGLIGIBLE
         directions, scales = directions[likely.any(axis=1)], scales[likely.any(axis=0)]
