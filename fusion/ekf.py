@@ -38,8 +38,9 @@ class State(IntEnum):
     TRACK_ERROR = 8  # turn that slip and veer have added to the claim since the last reference of the tracks, rad
     TRACK_REF = 9  # yaw at that reference, rad
     STILL_REF = 10  # yaw when the last sign of motion had died away, rad
-    COMPASS_ERROR = 11  # lasting error of the compass, in units of its standard deviation
-    CLONE = 12  # first of CLONES yaws at compass references, rad
+    COMPASS_ERROR = 11  # error of the compass that outlasts its reference, in units of its standard deviation
+    MATCH_ERROR = 12  # error of the compass against its present reference, in units of its standard deviation
+    CLONE = 13  # first of CLONES yaws at compass references, rad
 
 
 DIM = State.CLONE + CLONES
@@ -104,8 +105,7 @@ class YawEkf(ExtendedKalmanFilter):
     track_speed: float  # m/s, what the tracks last claimed
     track_stray: float  # rad/s, standard deviation of the passing error they have at that
 
-    def __init__(self, config: FusionConfig, *, considered: tuple[State, ...] = ()) -> None:
-        self.considered = considered  # by compass updates
+    def __init__(self, config: FusionConfig) -> None:
         super().__init__(dim_x=DIM, dim_z=1)  # type: ignore[no-untyped-call]
         self.config = config
         self.x = np.zeros(DIM)
@@ -118,7 +118,7 @@ class YawEkf(ExtendedKalmanFilter):
         sigma[State.SCALE] = config.initial_scale_sigma
         sigma[State.GYRO_SCALE] = config.gyro_scale_sigma
         sigma[State.VEER] = config.veer_sigma
-        sigma[State.SLIP] = sigma[State.COMPASS_ERROR] = 1.0
+        sigma[State.SLIP] = sigma[State.COMPASS_ERROR] = sigma[State.MATCH_ERROR] = 1.0
         self.P = np.diag(sigma**2)
         self.P[np.ix_(YAWS, YAWS)] = config.initial_yaw_sigma**2
         self.track_speed = self.track_stray = 0.0
@@ -135,8 +135,8 @@ class YawEkf(ExtendedKalmanFilter):
         """Transition F and process noise Q over `dt` seconds.
 
         The acceleration is Gauss-Markov, rate and yaw are its integrals; once the rate's variance would exceed that of
-        a robot nobody measures, it relaxes to zero instead (Ornstein-Uhlenbeck). Bias and scale walk, slip and compass
-        error are Gauss-Markov.
+        a robot nobody measures, it relaxes to zero instead (Ornstein-Uhlenbeck). Bias and scale walk, slip and the
+        compass's errors are Gauss-Markov.
         """
         config = self.config
         F, Q = np.eye(DIM), np.zeros((DIM, DIM))
@@ -153,8 +153,10 @@ class YawEkf(ExtendedKalmanFilter):
         Q[State.SCALE, State.SCALE] = config.scale_walk**2 * dt
         F[State.TRACK_ERROR, State.VEER] = self.track_speed * dt
         _integrate_gauss_markov(F, Q, State.SLIP, State.TRACK_ERROR, config.slip_time, 1.0, self.track_stray, dt)
-        F[State.COMPASS_ERROR, State.COMPASS_ERROR] = math.exp(-dt / config.compass_error_time)
-        Q[State.COMPASS_ERROR, State.COMPASS_ERROR] = -math.expm1(-2.0 * dt / config.compass_error_time)
+        lasting = (State.COMPASS_ERROR, config.compass_error_time), (State.MATCH_ERROR, config.match_error_time)
+        for error, time in lasting:
+            F[error, error] = math.exp(-dt / time)
+            Q[error, error] = -math.expm1(-2.0 * dt / time)
         return F, Q
 
     def hear_tracks(self, yaw_rate: float, speed: float) -> None:
@@ -166,6 +168,10 @@ class YawEkf(ExtendedKalmanFilter):
         """Make the present the reference of the tracks."""
         self.clone_yaw(State.TRACK_REF)
         self.renew(State.TRACK_ERROR, 0.0)
+
+    def refer_compass(self, seconds: float) -> None:
+        """Begin with a reference of the compass that is so many seconds old: the error against it grows from zero."""
+        self.renew(State.MATCH_ERROR, -math.expm1(-2.0 * seconds / self.config.match_error_time))
 
     def _transform(self, T: Array) -> None:
         """Multiply the state with `T`."""
@@ -194,7 +200,7 @@ class YawEkf(ExtendedKalmanFilter):
         Afterwards the measurement's innovation is zero: it tells nothing of the present yaw, those after it will.
         """
         T = np.eye(DIM)
-        T[into] += measurement.H[0]  # the measured difference is yaw - clone + lasting error + noise
+        T[into] += measurement.H[0]  # the measured difference is yaw - clone + lasting errors + noise
         x = self.x.copy()
         x[into] -= measurement.innovation
         self._transform(T)
@@ -269,15 +275,17 @@ class YawEkf(ExtendedKalmanFilter):
     def compass(self, yaw: float, variance: float, clone: int) -> Measurement:
         """What an increment (rad, variance rad^2) since state `clone` says: a difference of yaws, modulo a turn.
 
-        Part of its error lasts from image to image and beyond the reference (parallax keeps its sign while the robot
-        passes the same things): the share ``compass_error_share`` of the variance is that of a Gauss-Markov state.
+        Most of its error is parallax. That against one reference grows with the way from it and lasts until the next
+        reference; a part keeps its sign beyond, while the robot passes the same things. Both are Gauss-Markov states.
         """
-        share = self.config.compass_error_share
+        config = self.config
+        lasting = config.compass_error_share * variance
+        match = config.match_error_share * (variance - lasting)
         H = np.zeros((1, DIM))
         H[0, State.YAW], H[0, clone] = 1.0, -1.0
-        H[0, State.COMPASS_ERROR] = math.sqrt(share * variance)
+        H[0, State.COMPASS_ERROR], H[0, State.MATCH_ERROR] = math.sqrt(lasting), math.sqrt(match)
         innovation = float(wrap_angle(yaw - float((H @ self.x)[0])))
-        return Measurement(innovation, H, (1.0 - share) * variance, consider=self.considered)
+        return Measurement(innovation, H, variance - lasting - match)
 
     def innovation_variance(self, measurement: Measurement) -> float:
         """Variance S that the innovation should have."""
