@@ -11,6 +11,7 @@ combination of a grid is a hypothesis, among them that of no push at all, and th
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -56,7 +57,7 @@ class Posterior:
     variance_px2: float
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, eq=False)
 class SectorEvidence:
     """Sectors that have an answer; arrays of one length, float32 but for the shift.
 
@@ -76,11 +77,16 @@ class SectorEvidence:
     growth_px: Pixels
     growth_noise_px: Pixels
 
-    @property
+    @cached_property
     def growth_sigma_px(self) -> Pixels:
         """Deviation of a growth from what the push of its sector would have it be, columns."""
         sigma: Pixels = np.hypot(self.growth_noise_px, np.float32(GROWTH_ERROR) * self.growth_px)
         return sigma
+
+    @cached_property
+    def log_misled(self) -> Pixels:
+        """Log-likelihood of each growth if it has nothing to do with a push."""
+        return _log_normal(self.growth_px, np.hypot(self.growth_sigma_px, np.float32(MISLED_PX)))
 
     def every_other(self) -> SectorEvidence:
         """Half of the sectors, all round."""
@@ -194,7 +200,7 @@ def _roughly(sectors: SectorEvidence, low: float, high: float) -> tuple[SectorEv
 def _log_likelihood_unpushed(sectors: SectorEvidence, residual: Pixels) -> Pixels:
     """Of each turn of the grid if nothing but a turn happened."""
     sigma = sectors.sigma_px[:, None]
-    misled = _log_misled(sectors)
+    misled = sectors.log_misled
     grown = _log_normal(sectors.growth_px, sectors.growth_sigma_px) + np.log(1.0 - MISLED)
     shifted = -0.5 * (residual / sigma) ** 2 - np.log(2.5 * sigma)
     total = shifted + np.maximum(grown, misled + np.log(MISLED))[:, None]
@@ -228,7 +234,7 @@ def _log_likelihood_pushed(sectors: SectorEvidence, directions: Floats, scales: 
     told = _log_told(sectors, -ahead / steep * sine, np.abs(sine) * size_sigma, residual)
     grown = _log_exponential(ahead, sectors.growth_sigma_px, scales[:, None] * steep[:, None])
     unknown = 1.0 / (1.0 + (scales[:, None] / size_sigma[:, None]) ** 2)
-    misled = _log_misled(sectors)
+    misled = sectors.log_misled
     weight_told = grown + np.log((1.0 - MISLED) * (1.0 - unknown) + 1e-9)
     weight_typical = np.maximum(grown + np.log((1.0 - MISLED) * unknown + 1e-9), misled + np.log(MISLED))
     total = _log_typical(sectors, sine, scales, weight_typical, residual)
@@ -241,7 +247,7 @@ def _log_likelihood_pushed(sectors: SectorEvidence, directions: Floats, scales: 
 def _log_likelihood_flat(sectors: SectorEvidence, directions: Floats, scales: Pixels, residual: Pixels) -> Pixels:
     """The same if growths are but noise, whatever the push."""
     sine = np.sin(sectors.azimuth - directions[:, None].astype(np.float32))
-    misled = _log_misled(sectors)
+    misled = sectors.log_misled
     noise = np.maximum(_log_normal(sectors.growth_px, sectors.growth_noise_px), misled + np.log(MISLED))
     total = _log_typical(sectors, sine, scales, noise, residual)
     np.maximum(total, (misled + OUTLIER)[:, None], out=total)
@@ -278,13 +284,9 @@ def _log_exponential(ahead: Pixels, sigma: Pixels, mean: Pixels) -> Pixels:
     return -(grown**2) / (2.0 * sigma**2 + mean * np.maximum(grown, 0.0)) - np.log(mean + 2.5 * sigma)
 
 
-def _log_misled(sectors: SectorEvidence) -> Floats:
-    """Log-likelihood of each growth if it has nothing to do with a push."""
-    return _log_normal(sectors.growth_px, np.hypot(sectors.growth_sigma_px, MISLED_PX))
-
-
-def _log_normal(value: Floats, sigma: Floats) -> Floats:
-    density: Floats = -0.5 * (value / sigma) ** 2 - np.log(2.5 * sigma)
+def _log_normal(value: Pixels, sigma: Pixels) -> Pixels:
+    """Log-density of a normal, with 2.5 for the root of 2 pi as all over this file."""
+    density: Pixels = -0.5 * (value / sigma) ** 2 - np.log(2.5 * sigma)
     return density
 
 
