@@ -57,14 +57,22 @@ def drawn_drive(seed, sensors=SENSORS, seconds=10.0, config=None, gyro_hz=50, tr
 
 
 def turning_noise(config, dt):
-    """Transition and noise of (yaw, rate, acceleration) over `dt` s, by the doubled matrix (Van Loan 1978)."""
+    """Transition and noise of (yaw, rate, acceleration) over `dt` s, by the doubled matrix (Van Loan 1978).
+
+    That grows by exp(dt / ramp) and loses as much of its precision: hence in steps not longer than the ramp.
+    """
+    steps = math.ceil(dt / config.rate_ramp)
     A = np.zeros((6, 6))
     A[:3, :3] = -np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.0, 0.0, -1.0 / config.rate_ramp]])
     A[2, 5] = (config.rate_walk / config.rate_ramp) ** 2
     A[3:, 3:] = -A[:3, :3].T
-    both = expm(A * dt)
-    F = both[3:, 3:].T
-    return F, F @ both[:3, 3:]
+    both = expm(A * dt / steps)
+    step = both[3:, 3:].T
+    noise = step @ both[:3, 3:]
+    F, Q = np.eye(3), np.zeros((3, 3))
+    for _ in range(steps):
+        F, Q = step @ F, step @ Q @ step.T + noise
+    return F, Q
 
 
 def _motion(rng, n, config):
