@@ -20,6 +20,14 @@ PHOTOS = Path(__file__).parent.parent.parent / "shared" / "data" / "panoramas"
 PHOTO_NAMES = ("apartment", "city", "forest", "lobby", "park", "warehouse")
 FRAME_NS = 100_000_000
 START_NS = 1_700_000_000_000_000_000
+STARTS = {  # headings to start from, rad
+    "0": 0.0,
+    "60": math.radians(60.0),
+    "180": math.pi,
+    "-120": math.radians(-120.0),
+    "pi-eps": math.pi - 1e-6,
+    "eps-pi": 1e-6 - math.pi,
+}
 
 Image = npt.NDArray[np.generic]
 

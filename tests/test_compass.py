@@ -7,19 +7,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from panoramas import FRAME_NS, START_NS, as_bytes, compare, scene, shifted, show, turned
+from panoramas import FRAME_NS, START_NS, STARTS, as_bytes, compare, scene, shifted, show, turned
 
 from compass import CompassConfig, CompassStatus, VisualCompass, wrap_angle
 
 METHODS = ("rows", "sectors", "parallax")
-STARTS = {
-    "0": 0.0,
-    "60": math.radians(60.0),
-    "180": math.pi,
-    "-120": math.radians(-120.0),
-    "pi-eps": math.pi - 1e-6,
-    "eps-pi": 1e-6 - math.pi,
-}
 WIDTH = 1024
 PER_PX = math.tau / WIDTH
 # Noiseless frames rolled by whole columns hold the very same numbers: what remains is float32's rounding in sums over

@@ -5,19 +5,12 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from panoramas import STARTS
 from scipy.spatial.transform import Rotation
 
 from compass.attitude import LEVELS_S, Tilted
 
 ROUNDING = 1e-12  # of a hundred products of 3 x 3 matrices, rad
-STARTS = {
-    "0": 0.0,
-    "60": math.radians(60.0),
-    "180": math.pi,
-    "-120": math.radians(-120.0),
-    "pi-eps": math.pi - 1e-6,
-    "eps-pi": 1e-6 - math.pi,
-}
 
 
 def heading_of(attitude):
