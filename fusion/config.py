@@ -76,7 +76,7 @@ class FusionConfig(ParameterSet):
         low=0.0, high=10.0,
     )  # fmt: skip
     compass_error_share: float = parameter(
-        0.2,
+        0.35,
         "share of the compass's variance that outlasts its reference (parallax keeps its sign)",
         low=0.0,
         high=0.999,

@@ -19,9 +19,9 @@ from fusion.config import FusionConfig
 
 Array = npt.NDArray[np.float64]
 CLONES = 3
-CREEP_RATE = 5e-4  # rad/s
-STILL_TURN = 1e-5  # rad
-_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(6)
+CREEP_RATE = 5e-4  # rad/s, slower than standstill can be told from
+STILL_TURN = 1e-5  # rad, what standing still leaves of a turn
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(6)  # exact to the last digit over one ramp
 
 
 class State(IntEnum):

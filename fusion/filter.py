@@ -160,6 +160,7 @@ class YawFilter:
         state.stillness = stillness
 
     def _fuse_gyro(self, state: FilterState, event: GyroEvent) -> None:
+        """Take in a gyro sample, or find that the robot or the bias has made a jump."""
         sample, refused = event.sample, state.gates[Sensor.GYRO]
         state.vote = state.vote.with_gyro(sample)
         measurement = self._ekf.gyro(sample.yaw_rate, self._gyro_sigma(state, sample) ** 2)
@@ -180,6 +181,7 @@ class YawFilter:
             self._ekf.widen(State.YAW, (measurement.innovation * seconds) ** 2)
 
     def _fuse_tracks(self, state: FilterState, event: TracksEvent) -> None:
+        """Take in what the tracks claim since their reference, once `track_interval` is over."""
         sample, ekf, tracks = event.sample, self._ekf, state.tracks
         state.vote = state.vote.with_tracks(sample)
         alone = not (self._heard(state, Sensor.GYRO) or self._heard(state, Sensor.COMPASS))
@@ -206,6 +208,7 @@ class YawFilter:
         state.track_speed, state.track_stray = ekf.track_speed, ekf.track_stray
 
     def _fuse_increment(self, state: FilterState, event: CompassEvent) -> None:
+        """Take in the turn since a remembered yaw, or place that yaw where the increment says."""
         increment, ekf = event.sample, self._ekf
         self._take_vote(state, increment)
         if increment.t_ref_ns != state.compass_ref_ns:
@@ -272,6 +275,7 @@ class YawFilter:
 
     @staticmethod
     def _mark(state: FilterState, slot: int, clone: Clone) -> None:
+        """Note what a clone slot holds."""
         state.clones = (*state.clones[:slot], clone, *state.clones[slot + 1 :])
 
 

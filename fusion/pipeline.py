@@ -129,6 +129,7 @@ class YawFusion:
         self._timeline.add(heading_of(self._timeline.newest_ns or 0, heading, variance))
 
     def _refuse(self, sample: Sample, reason: str) -> bool:
+        """Count and log a refused sample; always False."""
         self.counts[reason] += 1
         log.debug("refused %s: %r", reason, sample)
         return False

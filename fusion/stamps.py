@@ -72,6 +72,7 @@ class FarAhead:
         return group
 
     def _leave(self, group: list[Sample]) -> list[Sample]:
+        """Let a group go that need not wait any longer."""
         leaving = {id(sample) for sample in group}
         self._waiting = [w for w in self._waiting if id(w.sample) not in leaving]
         return group

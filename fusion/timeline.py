@@ -89,6 +89,7 @@ class Timeline(Generic[E, S]):
         return Arrival.LATE if late else Arrival.APPENDED
 
     def _replay(self, place: int) -> None:
+        """Step anew through the events from a place on."""
         del self._states[place:]
         state = self.state
         for event in self._events[place:]:
@@ -96,6 +97,7 @@ class Timeline(Generic[E, S]):
             self._states.append(state)
 
     def _forget(self) -> None:
+        """Drop events that have left the window; the state after them is what a replay starts from."""
         oldest_ns = self._events[-1].t_ns - self._window_ns
         count = 0
         while self._events[count].t_ns < oldest_ns:

@@ -110,6 +110,7 @@ class Vote:
         return replace(vote, gyro=gyro, tracks=tracks, compass=CompassTurn.begin(increment))
 
     def _judge(self, compass: CompassTurn, bias: float, bias_sigma: float, scale: float) -> Vote:
+        """Compare the turns of a window that is over."""
         seconds = (compass.t_ns - compass.start_ns) * 1e-9
         if self.gyro is None or not self.gyro.spans(compass):
             return replace(self, distrusted=None, contradiction=0.0, windows=self.windows + 1)
