@@ -76,16 +76,9 @@ class FusionConfig(ParameterSet):
         low=0.0, high=10.0,
     )  # fmt: skip
     compass_error_share: float = parameter(
-        0.35,
-        "share of the compass's variance that outlasts its reference (parallax keeps its sign)",
-        low=0.0,
-        high=0.999,
+        0.8, "share of the compass's variance that lasts from image to image (parallax)", low=0.0, high=0.999
     )
     compass_error_time: float = parameter(2.5, "how long that share lasts", unit="s", low=1e-3, high=1e3)
-    match_error_share: float = parameter(
-        0.75, "share of the rest that grows while the reference holds and ends with it (parallax)", low=0.0, high=0.999
-    )
-    match_error_time: float = parameter(1.0, "how fast it grows and how long it lasts", unit="s", low=1e-3, high=1e3)
     gate_probability: float = parameter(
         0.9999, "share of honest samples that the chi-square gate lets pass", low=0.5, high=1.0 - 1e-12
     )

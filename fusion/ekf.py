@@ -38,9 +38,8 @@ class State(IntEnum):
     TRACK_ERROR = 8  # turn that slip and veer have added to the claim since the last reference of the tracks, rad
     TRACK_REF = 9  # yaw at that reference, rad
     STILL_REF = 10  # yaw when the last sign of motion had died away, rad
-    COMPASS_ERROR = 11  # error of the compass that outlasts its reference, in units of its standard deviation
-    MATCH_ERROR = 12  # error of the compass against its present reference, in units of its standard deviation
-    CLONE = 13  # first of CLONES yaws at compass references, rad
+    COMPASS_ERROR = 11  # lasting error of the compass, in units of its standard deviation
+    CLONE = 12  # first of CLONES yaws at compass references, rad
 
 
 DIM = State.CLONE + CLONES
@@ -83,7 +82,11 @@ class Transition:
 
 @dataclass(frozen=True, slots=True)
 class Correction:
-    """A step of the filter that took in a measurement with gain `K`; the rest as in `Measurement`."""
+    """A step of the filter that took in a measurement; names as in `Measurement`.
+
+    `K` is the optimal gain, by which past errors and present ones lose what they have in common, even where the filter
+    itself used another one because it only considers some states.
+    """
 
     innovation: float
     H: Array
@@ -105,7 +108,8 @@ class YawEkf(ExtendedKalmanFilter):
     track_speed: float  # m/s, what the tracks last claimed
     track_stray: float  # rad/s, standard deviation of the passing error they have at that
 
-    def __init__(self, config: FusionConfig) -> None:
+    def __init__(self, config: FusionConfig, *, considered: tuple[State, ...] = ()) -> None:
+        self.considered = considered  # by compass updates
         super().__init__(dim_x=DIM, dim_z=1)  # type: ignore[no-untyped-call]
         self.config = config
         self.x = np.zeros(DIM)
@@ -118,7 +122,7 @@ class YawEkf(ExtendedKalmanFilter):
         sigma[State.SCALE] = config.initial_scale_sigma
         sigma[State.GYRO_SCALE] = config.gyro_scale_sigma
         sigma[State.VEER] = config.veer_sigma
-        sigma[State.SLIP] = sigma[State.COMPASS_ERROR] = sigma[State.MATCH_ERROR] = 1.0
+        sigma[State.SLIP] = sigma[State.COMPASS_ERROR] = 1.0
         self.P = np.diag(sigma**2)
         self.P[np.ix_(YAWS, YAWS)] = config.initial_yaw_sigma**2
         self.track_speed = self.track_stray = 0.0
@@ -135,8 +139,8 @@ class YawEkf(ExtendedKalmanFilter):
         """Transition F and process noise Q over `dt` seconds.
 
         The acceleration is Gauss-Markov, rate and yaw are its integrals; once the rate's variance would exceed that of
-        a robot nobody measures, it relaxes to zero instead (Ornstein-Uhlenbeck). Bias and scale walk, slip and the
-        compass's errors are Gauss-Markov.
+        a robot nobody measures, it relaxes to zero instead (Ornstein-Uhlenbeck). Bias and scale walk, slip and compass
+        error are Gauss-Markov.
         """
         config = self.config
         F, Q = np.eye(DIM), np.zeros((DIM, DIM))
@@ -153,10 +157,8 @@ class YawEkf(ExtendedKalmanFilter):
         Q[State.SCALE, State.SCALE] = config.scale_walk**2 * dt
         F[State.TRACK_ERROR, State.VEER] = self.track_speed * dt
         _integrate_gauss_markov(F, Q, State.SLIP, State.TRACK_ERROR, config.slip_time, 1.0, self.track_stray, dt)
-        lasting = (State.COMPASS_ERROR, config.compass_error_time), (State.MATCH_ERROR, config.match_error_time)
-        for error, time in lasting:
-            F[error, error] = math.exp(-dt / time)
-            Q[error, error] = -math.expm1(-2.0 * dt / time)
+        F[State.COMPASS_ERROR, State.COMPASS_ERROR] = math.exp(-dt / config.compass_error_time)
+        Q[State.COMPASS_ERROR, State.COMPASS_ERROR] = -math.expm1(-2.0 * dt / config.compass_error_time)
         return F, Q
 
     def hear_tracks(self, yaw_rate: float, speed: float) -> None:
@@ -168,10 +170,6 @@ class YawEkf(ExtendedKalmanFilter):
         """Make the present the reference of the tracks."""
         self.clone_yaw(State.TRACK_REF)
         self.renew(State.TRACK_ERROR, 0.0)
-
-    def refer_compass(self, seconds: float) -> None:
-        """Begin with a reference of the compass that is so many seconds old: the error against it grows from zero."""
-        self.renew(State.MATCH_ERROR, -math.expm1(-2.0 * seconds / self.config.match_error_time))
 
     def _transform(self, T: Array) -> None:
         """Multiply the state with `T`."""
@@ -200,7 +198,7 @@ class YawEkf(ExtendedKalmanFilter):
         Afterwards the measurement's innovation is zero: it tells nothing of the present yaw, those after it will.
         """
         T = np.eye(DIM)
-        T[into] += measurement.H[0]  # the measured difference is yaw - clone + lasting errors + noise
+        T[into] += measurement.H[0]  # the measured difference is yaw - clone + lasting error + noise
         x = self.x.copy()
         x[into] -= measurement.innovation
         self._transform(T)
@@ -275,17 +273,15 @@ class YawEkf(ExtendedKalmanFilter):
     def compass(self, yaw: float, variance: float, clone: int) -> Measurement:
         """What an increment (rad, variance rad^2) since state `clone` says: a difference of yaws, modulo a turn.
 
-        Most of its error is parallax. That against one reference grows with the way from it and lasts until the next
-        reference; a part keeps its sign beyond, while the robot passes the same things. Both are Gauss-Markov states.
+        Part of its error lasts from image to image and beyond the reference (parallax keeps its sign while the robot
+        passes the same things): the share ``compass_error_share`` of the variance is that of a Gauss-Markov state.
         """
-        config = self.config
-        lasting = config.compass_error_share * variance
-        match = config.match_error_share * (variance - lasting)
+        share = self.config.compass_error_share
         H = np.zeros((1, DIM))
         H[0, State.YAW], H[0, clone] = 1.0, -1.0
-        H[0, State.COMPASS_ERROR], H[0, State.MATCH_ERROR] = math.sqrt(lasting), math.sqrt(match)
+        H[0, State.COMPASS_ERROR] = math.sqrt(share * variance)
         innovation = float(wrap_angle(yaw - float((H @ self.x)[0])))
-        return Measurement(innovation, H, variance - lasting - match)
+        return Measurement(innovation, H, (1.0 - share) * variance, consider=self.considered)
 
     def innovation_variance(self, measurement: Measurement) -> float:
         """Variance S that the innovation should have."""
@@ -303,13 +299,14 @@ class YawEkf(ExtendedKalmanFilter):
             residual=lambda z, expected: innovation,  # expected value taken off, and wrapped, already
         )
         H = measurement.H if measurement.H_after is None else measurement.H_after
+        optimal = self.K.copy()
         if measurement.consider or measurement.H_after is not None:
             self.K[list(measurement.consider)] = 0.0
             A = np.eye(DIM) - self.K @ H
             self.x = prior_x + self.K[:, 0] * measurement.innovation
             self.P = A @ prior_P @ A.T + measurement.R * (self.K @ self.K.T)  # Joseph: holds for any gain
         if self.tape is not None:
-            self.tape.append(Correction(measurement.innovation, measurement.H, H, float(self.S[0, 0]), self.K))
+            self.tape.append(Correction(measurement.innovation, measurement.H, H, float(self.S[0, 0]), optimal))
 
 
 def _integrate_gauss_markov(

@@ -55,8 +55,6 @@ class FilterState:
         Time they hold for, ns; None before the first event.
     clones : tuple of Clone or None
         What each clone slot holds.
-    compass_ref_ns : int or None
-        Reference of the last increment.
     tracks : TrackClaim or None
         What the tracks claim since the state TRACK_REF was cloned.
     track_voice : TrackVoice
@@ -77,7 +75,6 @@ class FilterState:
     P: Array
     t_ns: int | None = None
     clones: tuple[Clone | None, ...] = (None,) * CLONES
-    compass_ref_ns: int | None = None
     tracks: TrackClaim | None = None
     track_voice: TrackVoice = field(default_factory=TrackVoice)
     track_speed: float = 0.0
@@ -89,11 +86,20 @@ class FilterState:
 
 
 class YawFilter:
-    """Steps the EKF through events."""
+    """Steps the EKF through events.
 
-    def __init__(self, config: FusionConfig) -> None:
+    Parameters
+    ----------
+    config : FusionConfig
+        Of all models.
+    cautious : bool
+        Whether the compass's lasting error is only considered (Schmidt-Kalman). Estimated as it passes, it takes up
+        motion; known from both sides, as a smoother knows it, it does not.
+    """
+
+    def __init__(self, config: FusionConfig, *, cautious: bool = True) -> None:
         self.config = config
-        self._ekf = YawEkf(config)
+        self._ekf = YawEkf(config, considered=(State.COMPASS_ERROR,) if cautious else ())
         self._limit = gate_limit(config)
         seconds = dict.fromkeys(Sensor, config.recovery_time) | {Sensor.TRACKS: config.slip_recovery_time}
         self._recovery_ns = {sensor: round(time * 1e9) for sensor, time in seconds.items()}
@@ -211,9 +217,6 @@ class YawFilter:
         """Take in the turn since a remembered yaw, or place that yaw where the increment says."""
         increment, ekf = event.sample, self._ekf
         self._take_vote(state, increment)
-        if increment.t_ref_ns != state.compass_ref_ns:
-            state.compass_ref_ns = increment.t_ref_ns
-            ekf.refer_compass((event.t_ns - increment.t_ref_ns) * 1e-9)
         slot = next((i for i, c in enumerate(state.clones) if c and c.t_ns == increment.t_ref_ns), None)
         if slot is None:
             # the reference was never seen: place it where this increment says, so that those to come can use it

@@ -116,19 +116,13 @@ def _tracks(rng, at, t_ns, motion, errors, config):
 
 
 def _compass(rng, at, t_ns, yaw, hold, config):
-    """Increments whose error is white, or outlasts the reference, or has grown since the reference was taken."""
-    lasting_share = config.compass_error_share
-    match_share = config.match_error_share * (1.0 - lasting_share)
+    share, out, reference = config.compass_error_share, [], at[0]
     lasting = _gauss_markov(rng, yaw.size, config.compass_error_time)
-    out, reference, match = [], at[0], 0.0
-    for a, b in pairwise(at):
-        keep = math.exp(-(t_ns[b] - t_ns[a]) * 1e-9 / config.match_error_time)
-        match = keep * match + math.sqrt(1.0 - keep**2) * rng.normal()
+    for i in at[1:]:
         variance = float(rng.uniform(0.5e-3, 2e-3)) ** 2
-        error = math.sqrt(lasting_share) * lasting[b] + math.sqrt(match_share) * match
-        error += math.sqrt(1.0 - lasting_share - match_share) * rng.normal()
-        turn = float(wrap_angle(yaw[b] - yaw[reference] + math.sqrt(variance) * error))
-        out.append(YawIncrement(int(t_ns[reference]), int(t_ns[b]), turn, variance, 0.9))
-        if (t_ns[b] - t_ns[reference]) * 1e-9 >= hold - 1e-9:
-            reference, match = b, 0.0
+        error = math.sqrt(share) * lasting[i] + math.sqrt(1.0 - share) * rng.normal()
+        turn = float(wrap_angle(yaw[i] - yaw[reference] + math.sqrt(variance) * error))
+        out.append(YawIncrement(int(t_ns[reference]), int(t_ns[i]), turn, variance, 0.9))
+        if (t_ns[i] - t_ns[reference]) * 1e-9 >= hold - 1e-9:
+            reference = i
     return out

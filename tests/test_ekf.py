@@ -32,10 +32,8 @@ def expected_track_turn(x):
 
 
 def expected_compass(x, config, variance):
-    lasting = config.compass_error_share * variance
-    match = config.match_error_share * (variance - lasting)
-    errors = math.sqrt(lasting) * x[State.COMPASS_ERROR] + math.sqrt(match) * x[State.MATCH_ERROR]
-    return x[State.YAW] - x[State.CLONE] + errors
+    lasting = math.sqrt(config.compass_error_share * variance)
+    return x[State.YAW] - x[State.CLONE] + lasting * x[State.COMPASS_ERROR]
 
 
 def test_jacobians_equal_finite_differences(ekf):
@@ -119,7 +117,7 @@ def test_difference_to_clone_knows_only_what_happened_since(ekf):
     ekf.predict_for(0.1)
     measurement = ekf.compass(0.0, 1e-4, State.CLONE)
     H = measurement.H.copy()
-    H[0, [State.COMPASS_ERROR, State.MATCH_ERROR]] = 0.0
+    H[0, State.COMPASS_ERROR] = 0.0
     # the turn since the clone is that of rate and acceleration plus their noise, whatever the yaw's own variance
     F, Q = turning_noise(ekf.config, 0.1)
     since = float(F[0, 1:] @ before @ F[0, 1:] + Q[0, 0])
@@ -151,7 +149,7 @@ def test_turn_frame_keeps_turns_and_references(ekf):
 
 @pytest.mark.parametrize("degrees", [0.0, 60.0, 180.0, -120.0])
 def test_compass_innovation_is_wrapped(ekf, degrees):
-    ekf.x[[State.COMPASS_ERROR, State.MATCH_ERROR]] = 0.0
+    ekf.x[State.COMPASS_ERROR] = 0.0
     ekf.x[State.CLONE] = 20.0
     ekf.x[State.YAW] = 20.0 + 3.0 * math.tau + math.radians(degrees)
     z = float(wrap_angle(math.radians(degrees) + 0.01))
