@@ -44,9 +44,9 @@ class CompassConfig(ParameterSet):
         live=True,
     )
     min_confidence: float = parameter(
-        0.6,
-        "peak correlation below which no increment is given; unrelated scenes stay below 0.6 nine times in ten, the "
-        "next image of a drive above 0.9; what unrelated scenes are left `parallax` knows by sectors that disagree",
+        0.65,
+        "peak correlation below which no increment is given; 3 of 100 unrelated scenes are above it, the next image of "
+        "a drive is above 0.9, in a crowd above 0.7; those left `parallax` knows by sectors that disagree",
         low=0.0,
         high=1.0,
         live=True,

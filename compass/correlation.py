@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 import scipy.fft
 
-from compass.strip import Strip
+from compass.strip import UPRIGHT_ROWS, Strip
 
 Floats = npt.NDArray[np.floating]
 
@@ -58,6 +58,13 @@ def pooled_spectrum(reference: Strip, current: Strip) -> npt.NDArray[np.complex6
     """Cross-spectrum of all rows together, normalised so that a perfect match correlates to 1."""
     energy = reference.contrast * current.contrast * reference.pixels.size
     spectrum = (reference.conjugate * current.spectrum).sum(axis=0)
+    return spectrum / np.float32(max(energy, 1e-12))  # type: ignore[no-any-return]
+
+
+def upright_spectrum(reference: Strip, current: Strip) -> npt.NDArray[np.complex64]:
+    """The same of fewer rows: not as precise, and several times as quick."""
+    energy = reference.texture * current.texture * reference.smoothed(UPRIGHT_ROWS).size
+    spectrum = (reference.upright_spectrum.conj() * current.upright_spectrum).sum(axis=0)
     return spectrum / np.float32(max(energy, 1e-12))  # type: ignore[no-any-return]
 
 

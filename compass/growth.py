@@ -14,6 +14,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import lru_cache
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -59,11 +60,23 @@ class Growth:
 class _Gradients:
     """What a keyframe is asked for with every image."""
 
+    count: int
+    per_circle: float
+    area: float  # pixels of one row in a sector that err independently
     changes: Pixels  # (5, rows, columns): SHIFT..SHEAR, by which the grey values change per column of motion
     normal: Floats  # (sectors, 5, 5)
+    inverse: Floats  # (sectors, 3, 3), of SHIFT..GROWTH
     band: slice  # rows about the horizon
-    band_inverse: Floats  # (sectors, 4, 4)
-    inverse: Floats  # (sectors, 3, 3)
+    band_inverse: Floats  # (sectors, 4, 4), of SHIFT..RISE there
+
+    def in_common(self, change: Pixels, kinds: int, rows: slice) -> tuple[Floats, Floats]:
+        """(sectors, kinds) products of a change of grey values with the known ones, and (sectors,) with itself."""
+        change = change[rows]
+        products = np.empty((kinds + 1, change.shape[1]), np.float32)
+        np.einsum("irx,rx->ix", self.changes[:kinds, rows], change, out=products[:kinds])
+        np.einsum("rx,rx->x", change, change, out=products[kinds])
+        sums = sector_sums(products, self.count, self.per_circle).T.astype(np.float64)
+        return sums[:, :kinds], sums[:, kinds]
 
 
 def measure_growth(
@@ -86,23 +99,17 @@ def measure_growth(
     keyframe = _gradients(reference, count, per_circle)
     if keyframe is None:
         return None
-    columns, px = reference.softened.shape[1], 1.0 / reference.every
-    windows = sector_windows(columns, count, per_circle)
-    change = _brought_over(current.softened, sectors, px) - reference.softened
+    columns, stride = reference.softened.shape[1], reference.column_stride
+    change = _brought_over(current.softened, sectors, stride) - reference.softened
     change[0] = change[-1] = 0.0
-    products = np.einsum("irx,rx->ix", keyframe.changes, change)
-    products = sector_sums(products, count, per_circle).T.astype(np.float64)
-    energy = sector_sums(np.einsum("rx,rx->x", change, change), count, per_circle)
-    pixels = float(windows[0].sum()) * change.shape[0] * reference.every / CORRELATED_PIXELS
-
     azimuth = -np.pi * (2.0 * np.arange(count) / count - 1.0)
-    per_rad = columns / (2.0 * np.pi)
+    sine, cosine = columns / (2.0 * np.pi) * np.sin(azimuth), columns / (2.0 * np.pi) * np.cos(azimuth)
     answered = np.zeros(count, bool)
-    answered[np.round(sectors.centre_px * px * count / columns).astype(np.intp) % count] = True
-    tilt = _tilt(keyframe, change, windows, answered, per_rad, azimuth)
-    sine, cosine = np.sin(azimuth), np.cos(azimuth)
-    by_tilt = per_rad * np.stack([sine * tilt[0] - cosine * tilt[1], -cosine * tilt[0] - sine * tilt[1]], axis=1)
+    answered[np.round(sectors.centre_px / stride * count / columns).astype(np.intp) % count] = True
+    tilt = _tilt(keyframe, change, answered, np.stack([sine, -cosine], axis=1))
+    by_tilt = np.stack([sine * tilt[0] - cosine * tilt[1], -cosine * tilt[0] - sine * tilt[1]], axis=1)
 
+    products, energy = keyframe.in_common(change, 5, slice(None))
     rest = products[:, :RISE] - np.einsum("kij,kj->ki", keyframe.normal[:, :RISE, RISE:], by_tilt)
     solution = np.einsum("kij,kj->ki", keyframe.inverse, rest)
     left = (
@@ -110,33 +117,25 @@ def measure_growth(
         - np.einsum("ki,ki->k", solution, products[:, :RISE])
         - np.einsum("ki,ki->k", by_tilt, products[:, RISE:])
     )
-    variance = np.maximum(left, 1e-3) / pixels * keyframe.inverse[:, GROWTH, GROWTH]
+    variance = np.maximum(left, 1e-3) / (keyframe.area * len(change)) * keyframe.inverse[:, GROWTH, GROWTH]
     shear = keyframe.normal[:, SHIFT, SHEAR] / np.maximum(keyframe.normal[:, SHIFT, SHIFT], 1e-9)
-    return Growth(solution[:, GROWTH] / px, np.sqrt(variance) / px, -shear * by_tilt[:, 1] / px, tilt)
+    return Growth(stride * solution[:, GROWTH], stride * np.sqrt(variance), -stride * shear * by_tilt[:, 1], tilt)
 
 
-def _tilt(
-    keyframe: _Gradients,
-    change: Pixels,
-    windows: Pixels,
-    answered: npt.NDArray[np.bool_],
-    per_rad: float,
-    azimuth: Floats,
-) -> Floats:
-    """Rotation of the scene about x and y, rad, from how much each sector rose at the horizon."""
-    band = change[keyframe.band]
-    products = np.einsum("irx,rx->ix", keyframe.changes[:SHEAR, keyframe.band], band)
-    products = (products @ windows.T).T.astype(np.float64)
+def _tilt(keyframe: _Gradients, change: Pixels, answered: npt.NDArray[np.bool_], design: Floats) -> Floats:
+    """Rotation of the scene about x and y, rad, from how much each sector rose at the horizon: by ``design @ tilt``."""
+    products, energy = keyframe.in_common(change, 4, keyframe.band)
     solution = np.einsum("kij,kj->ki", keyframe.band_inverse, products)
-    left = windows @ np.einsum("rx,rx->x", band, band) - np.einsum("ki,ki->k", solution, products)
-    pixels = float(windows[0].sum()) * band.shape[0] / CORRELATED_PIXELS
+    left = energy - np.einsum("ki,ki->k", solution, products)
+    pixels = keyframe.area * (keyframe.band.stop - keyframe.band.start)
     variance = np.maximum(left, 1e-3) / pixels * keyframe.band_inverse[:, RISE, RISE] + TILT_FLOOR_PX**2
-    design = per_rad * np.stack([np.sin(azimuth), -np.cos(azimuth)], axis=1)
-    tilt = np.zeros(2)
+    rise, (x, y), tilt = solution[:, RISE], design.T, np.zeros(2)
+    squares = np.stack([x * x, x * y, y * y, x * rise, y * rise])
     for _ in range(TILT_ROUNDS):
-        apart = (solution[:, RISE] - design @ tilt) ** 2 / variance
-        weighted = design * (answered / variance / (1.0 + apart / TILT_OUTLIER**2))[:, None]
-        tilt = np.linalg.solve(weighted.T @ design + 1e-3 * np.eye(2), weighted.T @ solution[:, RISE])
+        apart = (rise - design @ tilt) ** 2 / variance
+        xx, xy, yy, xr, yr = squares @ (answered / variance / (1.0 + apart / TILT_OUTLIER**2))
+        xx, yy = xx + 1e-3, yy + 1e-3
+        tilt = np.array([yy * xr - xy * yr, xx * yr - xy * xr]) / (xx * yy - xy * xy)
     return tilt
 
 
@@ -149,7 +148,7 @@ def _gradients(strip: Strip, count: int, per_circle: float) -> _Gradients | None
         return None
     columns = soft.shape[1]
     per_row = float(elevation[0] - elevation[-1]) / (elevation.size - 1) * columns / (2.0 * np.pi)
-    padded = np.pad(soft, ((2, 2), (0, 0)), mode="edge")
+    padded = np.asarray(cv2.copyMakeBorder(soft, 2, 2, 0, 0, cv2.BORDER_REPLICATE), np.float32)
     rise = (8.0 * (padded[3:-1] - padded[1:-3]) - padded[4:] + padded[:-4]) / np.float32(12.0 * per_row)  # five points
     right = 0.5 * (np.roll(soft, -1, axis=1) - np.roll(soft, 1, axis=1))
     e = elevation.astype(np.float32)[:, None]
@@ -158,11 +157,14 @@ def _gradients(strip: Strip, count: int, per_circle: float) -> _Gradients | None
     rows = slice(int(band[0]), int(band[-1]) + 1)
     normal = _normal(changes, count, per_circle)
     return _Gradients(
+        count,
+        per_circle,
+        float(sector_windows(columns, 1, per_circle).sum()) * strip.column_stride / CORRELATED_PIXELS,
         changes,
         normal,
+        np.linalg.inv(normal[:, :RISE, :RISE]),
         rows,
         np.linalg.inv(_normal(changes[:SHEAR, rows], count, per_circle)),
-        np.linalg.inv(normal[:, :RISE, :RISE]),
     )
 
 
@@ -180,11 +182,13 @@ def _normal(changes: Pixels, count: int, per_circle: float) -> Floats:
     return normal
 
 
-def _brought_over(pixels: Pixels, sectors: SectorShifts, px: float) -> Pixels:
-    """Columns of the current strip, each `1 / px` wide, over those of the reference they belong to."""
+def _brought_over(pixels: Pixels, sectors: SectorShifts, stride: int) -> Pixels:
+    """Every `stride`-th column of the current strip over that of the reference it belongs to."""
     columns = pixels.shape[1]
-    shift = np.interp(np.arange(columns), sectors.centre_px * px, sectors.shift_px * px, period=columns)
-    position = (np.arange(columns) + shift) % columns
+    centre, shift = sectors.centre_px / stride, sectors.shift_px / stride
+    around = np.concatenate([centre[-1:] - columns, centre, centre[:1] + columns])
+    position = np.arange(columns)
+    position = (position + np.interp(position, around, np.concatenate([shift[-1:], shift, shift[:1]]))) % columns
     whole = position.astype(np.intp)
     part = (position - whole).astype(np.float32)
     left: Pixels = np.take(pixels, whole % columns, axis=1)

@@ -10,10 +10,10 @@ import numpy.typing as npt
 import scipy.fft
 from scipy.interpolate import make_interp_spline
 
-from compass.correlation import Floats, Peak, continuous_peak, pooled_spectrum, signed
+from compass.correlation import Floats, signed
 from compass.increment import CompassStatus
 from compass.match import Search
-from compass.strip import Pixels, Strip
+from compass.strip import SMOOTHED_ROWS, Pixels, Spectrum, Strip
 
 REACH_PX = 20  # how far a sector may lie from the coarse shift, columns
 OUTSIDE = 0.5  # of the highest peak anywhere is enough for one within reach
@@ -55,18 +55,33 @@ class SectorShifts:
         return float(self.correlation @ self.energy) / total if total > 0.0 else 0.0
 
 
-def coarse_shift(reference: Strip, current: Strip, search: Search) -> tuple[Peak, CompassStatus]:
-    """Shift of all rows pooled: the highest peak within reach, unless only one outside it matches.
+@dataclass(frozen=True, slots=True)
+class CoarseShift:
+    """Where all rows together match best.
 
-    Returns
-    -------
-    Peak
-        Its shift in [-columns / 2, columns / 2).
-    CompassStatus
+    Attributes
+    ----------
+    shift_px : int
+        Whole columns in [-columns / 2, columns / 2).
+    correlation : float
+        Normalised correlation there, -1..1.
+    status : CompassStatus
         AMBIGUOUS where another peak within reach is as high, else OK.
     """
-    spectrum = pooled_spectrum(reference, current)
-    columns = reference.columns
+
+    shift_px: int
+    correlation: float
+    status: CompassStatus
+
+
+def coarse_shift(spectrum: Spectrum, columns: int, search: Search) -> CoarseShift:
+    """Shift of all rows pooled: the highest peak within reach, unless only one outside it matches.
+
+    Parameters
+    ----------
+    spectrum : (columns // 2 + 1,) array
+        Of the strips' correlation, as `pooled_spectrum` or `upright_spectrum` gives it.
+    """
     values = scipy.fft.irfft(spectrum, columns)
     best = anywhere = int(values.argmax())
     lags = np.arange(columns)
@@ -78,43 +93,46 @@ def coarse_shift(reference: Strip, current: Strip, search: Search) -> tuple[Peak
             best, possible = anywhere, np.ones(columns, bool)
     rivals = possible & (np.abs(signed(lags - best, columns)) > columns / APART)
     ambiguous = bool(rivals.any()) and float(values[rivals].max()) > RIVAL * float(values[best])
-    peak = continuous_peak(spectrum, columns, float(best))
     status = CompassStatus.AMBIGUOUS if ambiguous else CompassStatus.OK
-    return Peak(float(signed(peak.shift_px, columns)), peak.value, peak.curvature), status
+    return CoarseShift(int(signed(best, columns)), float(values[best]), status)
 
 
-def local_shifts(reference: Strip, current: Strip, coarse_px: float, sectors: int, per_circle: float) -> SectorShifts:
+def local_shifts(
+    reference: Strip, current: Strip, coarse_px: int, sectors: int, per_circle: float, rows: int = SMOOTHED_ROWS
+) -> SectorShifts:
     """Sub-pixel shifts of overlapping sectors around a coarse one.
 
     Parameters
     ----------
-    coarse_px : float
+    coarse_px : int
         Shift to the right around which to look, columns.
     sectors : int
         How many, evenly spread.
     per_circle : float
         How many of their width make a full circle.
+    rows : int
+        As how many rows at most the strips are compared.
     """
     columns = reference.columns
     reach = min(REACH_PX, columns // 4)
     if reach <= TAPS or columns < 2 * per_circle:  # an image too narrow to have sectors
         nothing = np.empty(0)
         return SectorShifts(nothing, nothing, nothing, nothing, nothing)
-    whole = round(coarse_px)
-    scores, energy = _lag_scores(reference.smoothed, current.smoothed, sectors, per_circle, whole, reach)
+    before, now = reference.smoothed(rows), current.smoothed(rows)
+    scores, energy = _lag_scores(before, now, sectors, per_circle, coarse_px, reach)
     best = scores.argmax(axis=0)
     lag, height, bend = _interpolated_peaks(scores, np.clip(best, TAPS, 2 * reach - TAPS))
     inside = (best >= TAPS) & (best <= 2 * reach - TAPS) & (bend < 0.0) & (energy > 1e-3 * energy.mean())
-    seen = _seen_in_both(reference, current, sectors, per_circle, whole)
+    seen = _seen_in_both(reference, current, sectors, per_circle, coarse_px)
     if seen is not None:
         inside &= seen > MOSTLY
     # Cramer-Rao: noise energy over gradient energy; the gradient's is the curvature of the correlation
-    pixels = sector_windows(columns, sectors, per_circle).sum(axis=1) * reference.smoothed.shape[0] / CORRELATED_PIXELS
+    pixels = sector_windows(columns, sectors, per_circle).sum(axis=1) * len(before) / CORRELATED_PIXELS
     noise = 2.0 * np.clip(1.0 - height, 1e-5, None) / (pixels * np.where(inside, -bend, 1.0))
     centre = columns / sectors * np.arange(sectors)
     return SectorShifts(
         centre[inside],
-        (whole - reach + lag)[inside],
+        (coarse_px - reach + lag)[inside],
         np.sqrt(noise + NOISE_FLOOR_PX**2)[inside],
         height[inside],
         energy[inside],

@@ -15,13 +15,13 @@ from functools import cached_property
 
 import numpy as np
 
-from compass.correlation import Floats, Peak, signed
+from compass.correlation import Floats, Peak, continuous_peak, pooled_spectrum, signed, upright_spectrum
 from compass.growth import Growth, measure_growth
 from compass.increment import CompassStatus
 from compass.local import SectorShifts, coarse_shift, local_shifts
 from compass.match import Match, Search
 from compass.sectors import match_sectors
-from compass.strip import Pixels, Strip
+from compass.strip import UPRIGHT_ROWS, Pixels, Strip
 
 NARROWEST = 256  # columns; sectors of fewer than eight cannot tell parallax apart
 SECTORS = 64
@@ -43,7 +43,7 @@ NEGLIGIBLE = 12.0  # log-likelihood below the best of a hypothesis that is dropp
 CURVE_ERROR_PX = 0.065  # of a camera that turned by more than TURNING while parts moved apart by more than PUSHED_PX
 TURNING = np.deg2rad(3.0)
 PUSHED_PX = 2.0
-UNRELATED_PX = 0.25  # a deviation beyond it: no turn explains the sectors, they show another place
+UNRELATED_PX = 0.2  # a deviation beyond it: no turn explains the sectors, they show another place
 LEAN_ERROR = 0.045  # of what is known of the camera's lean, rad
 MASKED_ERROR_PX = 0.007  # what the edges of a mask, which stay, leave in all rows pooled
 ABEAM = 0.02  # cosine below which a growth says nothing
@@ -102,26 +102,33 @@ def match_parallax(reference: Strip, current: Strip, search: Search) -> Match:
     """Shift and growth of each sector, and the turn that explains them with pushes of the right sign and size."""
     if reference.columns < NARROWEST:
         return match_sectors(reference, current, search)
-    coarse, status = coarse_shift(reference, current, search)
-    sectors = local_shifts(reference, current, coarse.shift_px, SECTORS, PER_CIRCLE)
+    coarse = coarse_shift(upright_spectrum(reference, current), reference.columns, search)
+    sectors = local_shifts(reference, current, coarse.shift_px, SECTORS, PER_CIRCLE, UPRIGHT_ROWS)
     if sectors.shift_px.size < SECTORS // 8:
-        return Match(coarse.shift_px, np.inf, max(coarse.value, 0.0))
+        return Match(float(coarse.shift_px), np.inf, max(coarse.correlation, 0.0))
     confidence = float(np.clip(sectors.mean_correlation, 0.0, 1.0))
-    apart = _quantile(np.abs(sectors.shift_px - coarse.shift_px) / sectors.sigma_px, 0.75)
-    if apart < AGREED:
-        return Match(
-            coarse.shift_px, _bound(coarse, reference), confidence, status, apart * _quantile(sectors.sigma_px, 0.5)
-        )
+    median = _quantile(sectors.shift_px, 0.5)
+    if _apart(sectors, median) < AGREED:
+        exact = continuous_peak(pooled_spectrum(reference, current), reference.columns, median)
+        apart = _apart(sectors, exact.shift_px)
+        if apart < AGREED:
+            shift = float(signed(exact.shift_px, reference.columns))
+            spread = apart * _quantile(sectors.sigma_px, 0.5)
+            return Match(shift, _bound(exact, reference), confidence, coarse.status, spread)
     growth = measure_growth(reference, current, sectors, SECTORS, PER_CIRCLE)
     tilt = (0.0, 0.0) if growth is None else (float(growth.tilt[0]), float(growth.tilt[1]))
     evidence = _evidence(sectors, growth, search.forward_px, reference.columns)
     posterior = turn_posterior(evidence)
     spread = _quantile(np.abs(evidence.shift_px - posterior.mean_px), 0.75)
     variance = posterior.variance_px2 + _left_out(posterior.mean_px, spread, tilt, reference.columns) ** 2
-    if variance > UNRELATED_PX**2:
-        status = CompassStatus.LOW_CONFIDENCE
+    status = CompassStatus.LOW_CONFIDENCE if variance > UNRELATED_PX**2 else coarse.status
     shift = float(signed(posterior.mean_px, reference.columns))
     return Match(shift, variance, confidence, status, spread, tilt)
+
+
+def _apart(sectors: SectorShifts, shift_px: float) -> float:
+    """How far, in their deviations, three sectors of four at most lie from a shift."""
+    return _quantile(np.abs(sectors.shift_px - shift_px) / sectors.sigma_px, 0.75)
 
 
 def _left_out(turn_px: float, spread_px: float, tilt: tuple[float, float], columns: int) -> float:
@@ -162,11 +169,11 @@ def turn_posterior(sectors: SectorEvidence) -> Posterior:
     low, high = _quantile(sectors.shift_px, 0.03) - 0.3, _quantile(sectors.shift_px, 0.97) + 0.3
     sectors, directions, scales, low, high = _roughly(sectors, low, high)
     while True:
-        grid, step = np.linspace(low, high, GRID, retstep=True)
-        residual = (sectors.shift_px[:, None] - grid).astype(np.float32)
-        pushed = INDEPENDENT * _log_likelihood_pushed(sectors, directions, scales, residual)
-        unpushed = INDEPENDENT * _log_likelihood_unpushed(sectors, residual)
-        likelihood = np.vstack([unpushed, pushed.reshape(-1, GRID)])
+        grid, step = _grid(low, high)
+        residual = (sectors.shift_px - grid[:, None]).astype(np.float32)
+        typical = _log_typical(sectors, directions, scales, residual)
+        pushed = _log_likelihood_pushed(sectors, directions, scales, residual, typical)
+        likelihood = np.vstack([_log_likelihood_unpushed(sectors, residual), pushed.reshape(-1, GRID)])
         weight = np.exp(likelihood - likelihood.max()).sum(axis=0, dtype=np.float64)
         weight /= weight.sum()
         mean = float(weight @ grid)
@@ -184,43 +191,50 @@ def _roughly(sectors: SectorEvidence, low: float, high: float) -> tuple[SectorEv
     """What every other sector says: whether growths are of use, directions, scales and turns worth a closer look."""
     asked = sectors.every_other()
     directions = 2.0 * np.pi / COARSE * np.arange(COARSE)
-    grid, step = np.linspace(low, high, GRID, retstep=True)
-    residual = (asked.shift_px[:, None] - grid).astype(np.float32)
-    pushed = INDEPENDENT * _log_likelihood_pushed(asked, directions, SCALES_PX, residual)
-    flat = INDEPENDENT * _log_likelihood_flat(asked, directions, SCALES_PX, residual) + FLAT
+    grid, step = _grid(low, high)
+    residual = (asked.shift_px - grid[:, None]).astype(np.float32)
+    typical = _log_typical(asked, directions, SCALES_PX, residual)
+    flat = _log_likelihood_flat(asked, typical) + FLAT
+    pushed = _log_likelihood_pushed(asked, directions, SCALES_PX, residual, typical)
     if flat.max() > pushed.max():
         sectors, pushed = sectors.without_growth(), flat
-    unpushed = INDEPENDENT * _log_likelihood_unpushed(asked, residual)
+    unpushed = _log_likelihood_unpushed(asked, residual)
     best = float(grid[int(np.vstack([unpushed, pushed.reshape(-1, GRID)]).argmax()) % GRID])
     direction, scale = np.unravel_index(int(pushed.max(axis=2).argmax()), pushed.shape[:2])
     near = SCALES_PX[max(scale - 1, 0) : scale + 2]
     return sectors, directions[direction] + FINE, near, best - 3.0 * step, best + 3.0 * step
 
 
+def _grid(low: float, high: float) -> tuple[Floats, float]:
+    """GRID turns and the step between them, columns."""
+    step = (high - low) / (GRID - 1)
+    return low + step * np.arange(GRID), step
+
+
 def _log_likelihood_unpushed(sectors: SectorEvidence, residual: Pixels) -> Pixels:
     """Of each turn of the grid if nothing but a turn happened."""
-    sigma = sectors.sigma_px[:, None]
-    misled = sectors.log_misled
     grown = _log_normal(sectors.growth_px, sectors.growth_sigma_px) + np.log(1.0 - MISLED)
-    shifted = -0.5 * (residual / sigma) ** 2 - np.log(2.5 * sigma)
-    total = shifted + np.maximum(grown, misled + np.log(MISLED))[:, None]
-    likelihood: Pixels = np.maximum(total, (misled + OUTLIER)[:, None]).sum(axis=0)
-    return likelihood
+    total = _log_normal(residual, sectors.sigma_px)
+    total += np.maximum(grown, sectors.log_misled + np.log(MISLED))
+    return _sum_of_sectors(np.maximum(total, sectors.log_misled + OUTLIER))
 
 
-def _log_likelihood_pushed(sectors: SectorEvidence, directions: Floats, scales: Pixels, residual: Pixels) -> Pixels:
+def _log_likelihood_pushed(
+    sectors: SectorEvidence, directions: Floats, scales: Pixels, residual: Pixels, typical: Pixels
+) -> Pixels:
     """Of each turn of the grid for each direction of travel and each typical push.
 
-    Noise is normal, a push a priori exponential. Their convolution is approximated by one expression that is the normal
-    for the wrong sign and for small pushes, and the exponential for large ones. A push whose size the growth tells is
-    normal. Which of the two holds is decided by the larger, weighted by how much the growth leaves unknown.
+    A push whose size the growth tells is normal, else all that is known is `typical`. Which of the two holds is decided
+    by the larger, weighted by how much the growth leaves unknown.
 
     Parameters
     ----------
     directions, scales : arrays
         Of travel, rad, and typical pushes, columns.
-    residual : (sectors, GRID) array
+    residual : (GRID, sectors) array
         Shifts less each turn of the grid, columns.
+    typical : (directions, scales, GRID, sectors) array
+        From `_log_typical`; what is in it is lost.
 
     Returns
     -------
@@ -231,50 +245,46 @@ def _log_likelihood_pushed(sectors: SectorEvidence, directions: Floats, scales: 
     steep = np.maximum(np.abs(cosine), ABEAM)
     ahead = sectors.growth_px * np.sign(cosine)
     size_sigma = sectors.growth_sigma_px / steep
-    told = _log_told(sectors, -ahead / steep * sine, np.abs(sine) * size_sigma, residual)
+    push = (-ahead / steep * sine).astype(np.float32)
+    push_sigma: Pixels = np.hypot(sectors.sigma_px, sine * size_sigma)
+    told = _log_normal(residual - push[:, None], push_sigma[:, None])
     grown = _log_exponential(ahead, sectors.growth_sigma_px, scales[:, None] * steep[:, None])
     unknown = 1.0 / (1.0 + (scales[:, None] / size_sigma[:, None]) ** 2)
     misled = sectors.log_misled
     weight_told = grown + np.log((1.0 - MISLED) * (1.0 - unknown) + 1e-9)
     weight_typical = np.maximum(grown + np.log((1.0 - MISLED) * unknown + 1e-9), misled + np.log(MISLED))
-    total = _log_typical(sectors, sine, scales, weight_typical, residual)
-    np.maximum(total, told[:, None] + weight_told[..., None], out=total)
-    np.maximum(total, (misled + OUTLIER)[:, None], out=total)
-    likelihood: Pixels = total.sum(axis=2)
-    return likelihood
+    typical += weight_typical[:, :, None]
+    np.maximum(typical, told[:, None] + weight_told[:, :, None], out=typical)
+    np.maximum(typical, misled + OUTLIER, out=typical)
+    return _sum_of_sectors(typical)
 
 
-def _log_likelihood_flat(sectors: SectorEvidence, directions: Floats, scales: Pixels, residual: Pixels) -> Pixels:
+def _log_likelihood_flat(sectors: SectorEvidence, typical: Pixels) -> Pixels:
     """The same if growths are but noise, whatever the push."""
-    sine = np.sin(sectors.azimuth - directions[:, None].astype(np.float32))
-    misled = sectors.log_misled
-    noise = np.maximum(_log_normal(sectors.growth_px, sectors.growth_noise_px), misled + np.log(MISLED))
-    total = _log_typical(sectors, sine, scales, noise, residual)
-    np.maximum(total, (misled + OUTLIER)[:, None], out=total)
-    likelihood: Pixels = total.sum(axis=2)
-    return likelihood
+    noise = np.maximum(_log_normal(sectors.growth_px, sectors.growth_noise_px), sectors.log_misled + np.log(MISLED))
+    return _sum_of_sectors(np.maximum(typical + noise, sectors.log_misled + OUTLIER))
 
 
-def _log_typical(sectors: SectorEvidence, sine: Pixels, scales: Pixels, weight: Pixels, residual: Pixels) -> Pixels:
-    """(directions, scales, sectors, GRID) log-likelihood of each shift if all that is known of pushes is their mean."""
+def _sum_of_sectors(likelihood: Pixels) -> Pixels:
+    """(..., sectors) -> (...): of all together, which are not independent."""
+    return likelihood @ np.full(likelihood.shape[-1], INDEPENDENT, np.float32)
+
+
+def _log_typical(sectors: SectorEvidence, directions: Floats, scales: Pixels, residual: Pixels) -> Pixels:
+    """(directions, scales, GRID, sectors) log-likelihood of each shift if all that is known of pushes is their mean.
+
+    Noise is normal, a push a priori exponential. Their convolution is approximated by one expression that is the normal
+    for the wrong sign and for small pushes, and the exponential for large ones.
+    """
     sigma = sectors.sigma_px
+    sine = np.sin(sectors.azimuth - directions[:, None].astype(np.float32))
     mean = scales[:, None] * np.abs(sine)[:, None]
-    to_the_right = np.where(sine > 0.0, -1.0, 1.0).astype(np.float32)  # what lies to the left of the way moves left
-    pushed = np.maximum(residual * to_the_right[..., None], 0.0)
-    total: Pixels = mean[..., None] * pushed[:, None]
-    total += (2.0 * sigma * sigma)[:, None]
+    to_the_right = np.where(sine > 0.0, np.float32(-1.0), np.float32(1.0))  # what lies left of the way moves left
+    pushed = np.maximum(residual * to_the_right[:, None], 0.0)
+    total: Pixels = mean[:, :, None] * pushed[:, None]
+    total += 2.0 * sigma * sigma
     np.divide(-residual * residual, total, out=total)
-    total += (weight - np.log(mean + 2.5 * sigma))[..., None]
-    return total
-
-
-def _log_told(sectors: SectorEvidence, push: Floats, push_sigma: Floats, residual: Pixels) -> Pixels:
-    """(directions, sectors, GRID) log-likelihood of each shift if its growth tells the push."""
-    variance = sectors.sigma_px**2 + push_sigma**2
-    total = residual - push[..., None].astype(np.float32)
-    total *= total
-    total *= (-0.5 / variance)[..., None]
-    total -= (0.5 * np.log(2.0 * np.pi * variance))[..., None]
+    total -= np.log(mean + 2.5 * sigma)[:, :, None]
     return total
 
 
@@ -285,12 +295,12 @@ def _log_exponential(ahead: Pixels, sigma: Pixels, mean: Pixels) -> Pixels:
 
 
 def _log_normal(value: Pixels, sigma: Pixels) -> Pixels:
-    """Log-density of a normal, with 2.5 for the root of 2 pi as all over this file."""
+    """Log-density of a normal; the root of 2 pi is 2.5 here as in the other densities."""
     density: Pixels = -0.5 * (value / sigma) ** 2 - np.log(2.5 * sigma)
     return density
 
 
-def _bound(coarse: Peak, reference: Strip) -> float:
+def _bound(peak: Peak, reference: Strip) -> float:
     """Cramer-Rao bound of the variance of the shift of all rows pooled, columns^2."""
-    bound = 2.0 * max(1.0 - coarse.value, 1e-6) / (reference.pixels.size * max(-coarse.curvature, 1e-12))
+    bound = 2.0 * max(1.0 - peak.value, 1e-6) / (reference.pixels.size * max(-peak.curvature, 1e-12))
     return bound if reference.seen is None else bound + MASKED_ERROR_PX**2

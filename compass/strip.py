@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import cv2
@@ -19,7 +19,10 @@ Pixels = npt.NDArray[np.float32]
 Spectrum = npt.NDArray[np.complex64]
 
 SMOOTHED_ROWS = 40
-FINE_COLUMNS = 1024  # from where on half of the columns show what rises and sinks
+UPRIGHT_ROWS = 24  # what rises or sinks by less than such a row does not disturb how far it moved sideways
+_SOFT = np.array([0.25, 0.5, 0.25], np.float32)
+_ALONE = np.ones(1, np.float32)
+HALVED_COLUMNS = 1024  # from so many on, half of them are enough to see what rises and sinks
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,6 +52,7 @@ class Strip:
     top: float = 0.0
     row_height: float = 0.0
     seen: Seen | None = None
+    _smoothed: dict[int, Pixels] = field(default_factory=dict, init=False)
 
     def with_pixels(self, pixels: Pixels) -> Strip:
         """The same strip with other grey values, whose rows' means are taken out."""
@@ -71,49 +75,44 @@ class Strip:
         """Complex conjugate of `spectrum`."""
         return np.conj(self.spectrum)
 
-    @cached_property
-    def smoothed(self) -> Pixels:
-        """(at most SMOOTHED_ROWS, columns) rows averaged in groups, and columns by 1 2 1: sectors compare these.
+    def smoothed(self, at_most: int = SMOOTHED_ROWS) -> Pixels:
+        """(at most so many, columns) rows averaged in groups, and columns by 1 2 1: sectors compare these.
 
         Without the highest frequencies a spline through the correlation at whole lags errs by thousandths of a
         column, with them by hundredths.
         """
-        merged = self._merged
-        rows = self.pixels.shape[0] // merged
-        groups = self.pixels[: rows * merged].reshape(rows, merged, -1).sum(axis=1)
-        groups *= np.float32(0.25 / merged)
-        wrapped = np.concatenate([groups[:, -1:], groups, groups[:, :1]], axis=1)
-        smoothed: Pixels = wrapped[:, :-2] + 2.0 * wrapped[:, 1:-1] + wrapped[:, 2:]
-        return smoothed
+        if at_most not in self._smoothed:
+            self._smoothed[at_most] = _averaged(self.pixels, at_most)
+        return self._smoothed[at_most]
+
+    @cached_property
+    def upright_spectrum(self) -> Spectrum:
+        """(rows, columns // 2 + 1) Fourier transform of each row of `smoothed(UPRIGHT_ROWS)`."""
+        return scipy.fft.rfft(self.smoothed(UPRIGHT_ROWS), axis=1)  # type: ignore[no-any-return]
 
     @property
-    def _merged(self) -> int:
-        """Rows of `pixels` in one of `smoothed`."""
-        return _merged_rows(len(self.pixels))
-
-    @property
-    def every(self) -> int:
-        """How many columns there are for one of `softened`."""
-        return 2 if self.columns % 2 == 0 and self.columns >= FINE_COLUMNS else 1
+    def column_stride(self) -> int:
+        """Columns of `pixels` from one of `softened` to the next."""
+        return 2 if self.columns % 2 == 0 and self.columns >= HALVED_COLUMNS else 1
 
     @cached_property
     def softened(self) -> Pixels:
-        """`smoothed`, every `every`-th column, with rows averaged by 1 2 1: a derivative up and down needs that."""
-        padded = np.pad(self.smoothed[:, :: self.every], ((1, 1), (0, 0)), mode="edge")
-        softened: Pixels = 0.25 * (padded[:-2] + padded[2:]) + 0.5 * padded[1:-1]
-        return softened
+        """Every `column_stride`-th column of `smoothed`, rows averaged by 1 2 1: derivatives up and down need that."""
+        columns = np.ascontiguousarray(self.smoothed()[:, :: self.column_stride])
+        return np.asarray(cv2.sepFilter2D(columns, -1, _ALONE, _SOFT, borderType=cv2.BORDER_REPLICATE), np.float32)
 
     @cached_property
     def elevations(self) -> npt.NDArray[np.floating]:
-        """Elevation of the middle of each row of `smoothed`, rad."""
-        row = np.arange(self.smoothed.shape[0]) + 0.5
-        return self.top - row * self.row_height * self._merged
+        """Elevation of the middle of each row of `softened`, rad."""
+        row = np.arange(self.softened.shape[0]) + 0.5
+        return self.top - row * self.row_height * _group(len(self.pixels), SMOOTHED_ROWS)
 
     @cached_property
     def texture(self) -> float:
-        """Standard deviation of `smoothed`, grey values of 255: of the scene, and hardly of the camera's noise."""
-        size = self.smoothed.size * (1.0 if self.seen is None else self.seen.share)
-        return float(np.sqrt(np.vdot(self.smoothed, self.smoothed) / max(size, 1.0)))
+        """Standard deviation of `smoothed(UPRIGHT_ROWS)`, grey values of 255: of the scene, hardly of the noise."""
+        smoothed = self.smoothed(UPRIGHT_ROWS)
+        size = smoothed.size * (1.0 if self.seen is None else self.seen.share)
+        return float(np.sqrt(np.vdot(smoothed, smoothed) / max(size, 1.0)))
 
 
 def prepare_strip(
@@ -138,7 +137,7 @@ def prepare_strip(
     if mask is not None:
         first = _top(image.shape[0], config)
         cut = slice(first, first + rows * merged)
-        seen = mask.seen(image.shape, cut, rows, columns, _merged_rows(rows))
+        seen = mask.seen(image.shape, cut, rows, columns, _group(rows, SMOOTHED_ROWS))
     small = _without_row_means(small, seen)
     contrast = float(np.sqrt(np.vdot(small, small) / small.size))
     per_row = math.tau / width  # square pixels
@@ -149,7 +148,7 @@ def prepare_strip(
 def _without_row_means(pixels: Pixels, seen: Seen | None) -> Pixels:
     """Take the mean of what is seen out of each row, in place; zero what is not seen."""
     if seen is None:
-        pixels -= pixels.mean(axis=1, keepdims=True)
+        pixels -= cv2.reduce(pixels, 1, cv2.REDUCE_AVG)
     else:
         pixels *= seen.pixels
         pixels -= pixels.sum(axis=1, keepdims=True) / seen.counts
@@ -157,9 +156,19 @@ def _without_row_means(pixels: Pixels, seen: Seen | None) -> Pixels:
     return pixels
 
 
-def _merged_rows(rows: int) -> int:
-    """Rows of a strip in one of its smoothed ones."""
-    return -(-rows // SMOOTHED_ROWS)
+def _averaged(pixels: Pixels, at_most: int) -> Pixels:
+    """At most so many rows, each the average of equally many, and columns by 1 2 1."""
+    group = _group(len(pixels), at_most)
+    rows = len(pixels) // group
+    averaged = pixels[: rows * group].reshape(rows, group, -1).sum(axis=1)
+    around = cv2.copyMakeBorder(averaged, 0, 0, 1, 1, cv2.BORDER_WRAP)
+    smoothed = cv2.sepFilter2D(around, -1, _SOFT / np.float32(group), _ALONE)
+    return np.ascontiguousarray(smoothed[:, 1:-1], np.float32)
+
+
+def _group(rows: int, at_most: int) -> int:
+    """How many of so many rows have to be averaged for at most so many to be left."""
+    return -(-rows // at_most)
 
 
 def _region(image: Image, config: CompassConfig) -> Image:

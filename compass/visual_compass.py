@@ -21,7 +21,7 @@ from compass.strip import Strip, prepare_strip
 
 METHODS: dict[str, Method] = {"rows": match_rows, "sectors": match_sectors, "parallax": match_parallax}
 
-MIN_TEXTURE = 1.5  # grey values of 255; camera noise of 4 alone leaves 1.2 at 1024 columns
+MIN_TEXTURE = 1.1  # grey values of 255; camera noise of 4 alone leaves 0.9 at 1024 columns
 FROZEN_NS = 500_000_000  # a camera never gives the very same image for so long
 BELIEVED_BACKWARD = 10  # images in a row whose stamps rise, but lie before one that was stamped wrongly
 GIVE_UP_NS = 1_000_000_000  # a view that matches no keyframe for so long is a new one

@@ -9,6 +9,7 @@ import pytest
 from panoramas import as_bytes, azimuths, compare, scene, seen_from, shifted, tilted
 
 from compass import CompassConfig, VisualCompass
+from compass.correlation import upright_spectrum
 from compass.growth import measure_growth
 from compass.local import coarse_shift, local_shifts
 from compass.match import Search
@@ -31,7 +32,7 @@ def measured(before, now, config=None):
     """Growth and shifts between two panoramas."""
     config = config or CompassConfig()
     reference, current = prepare_strip(0, before, config), prepare_strip(1, now, config)
-    coarse, _ = coarse_shift(reference, current, Search(0.0, WIDTH, WIDTH / 2))
+    coarse = coarse_shift(upright_spectrum(reference, current), WIDTH, Search(0.0, WIDTH, WIDTH / 2))
     sectors = local_shifts(reference, current, coarse.shift_px, SECTORS, PER_CIRCLE)
     return measure_growth(reference, current, sectors, SECTORS, PER_CIRCLE), sectors
 

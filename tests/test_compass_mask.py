@@ -145,7 +145,7 @@ def test_mask_sectors_that_show_the_robot_give_no_answer(masts):
     config, image = CompassConfig(mask=masts), scene(1, WIDTH, WIDTH // 2)
     mask, images = load_mask(config), (with_masts(image), with_masts(shifted(image, 2.0)))
     before, now = (prepare_strip(0, as_bytes(one), config, "", mask) for one in images)
-    sectors = local_shifts(before, now, 0.0, 64, 32.0)
+    sectors = local_shifts(before, now, 0, 64, 32.0)
     centre, half = MASTS[1]
     distance = np.abs(sectors.centre_px - centre)
     assert distance.min() > half  # a window centred on the pole's edge shows, with the margin, mostly the pole
