@@ -28,6 +28,10 @@ class FusionConfig(ParameterSet):
         1.0, "how fast the turn rate changes: its standard deviation after one second", unit="rad/s/sqrt(s)",
         low=1e-4, high=100.0,
     )  # fmt: skip
+    watched_rate_walk: float = parameter(
+        0.4, "the same while a gyro watches; what changes faster the gyro reports twice before it is believed",
+        unit="rad/s/sqrt(s)", low=1e-4, high=100.0,
+    )  # fmt: skip
     rate_ramp: float = parameter(0.02, "how long an acceleration of the turning lasts", unit="s", low=1e-3, high=10.0)
     gyro_sigma: float = parameter(
         0.0025, "white noise of one gyro sample, standard deviation", unit="rad/s", low=1e-6, high=10.0
@@ -76,9 +80,9 @@ class FusionConfig(ParameterSet):
         low=0.0, high=10.0,
     )  # fmt: skip
     compass_error_share: float = parameter(
-        0.8, "share of the compass's variance that lasts from image to image (parallax)", low=0.0, high=0.999
+        0.5, "share of the compass's variance that lasts from image to image (parallax)", low=0.0, high=0.999
     )
-    compass_error_time: float = parameter(2.5, "how long that share lasts", unit="s", low=1e-3, high=1e3)
+    compass_error_time: float = parameter(5.0, "how long that share lasts", unit="s", low=1e-3, high=1e3)
     gate_probability: float = parameter(
         0.9999, "share of honest samples that the chi-square gate lets pass", low=0.5, high=1.0 - 1e-12
     )

@@ -128,14 +128,14 @@ class YawEkf(ExtendedKalmanFilter):
         self.track_speed = self.track_stray = 0.0
         self.tape: list[Transition | Correction] | None = None  # notes every step where somebody listens
 
-    def predict_for(self, dt: float, *, still: bool = False) -> None:
-        """Move the state on by `dt` seconds; `still`: without any change of the turn rate."""
-        self.F, self.Q = self.transition(dt, still=still)
+    def predict_for(self, dt: float, *, still: bool = False, watched: bool = False) -> None:
+        """Move the state on by `dt` seconds; `still`: without any change of the turn rate; `watched`: by a gyro."""
+        self.F, self.Q = self.transition(dt, still=still, watched=watched)
         self.predict()  # type: ignore[no-untyped-call]
         if self.tape is not None:
             self.tape.append(Transition(self.F))
 
-    def transition(self, dt: float, *, still: bool = False) -> tuple[Array, Array]:
+    def transition(self, dt: float, *, still: bool = False, watched: bool = False) -> tuple[Array, Array]:
         """Transition F and process noise Q over `dt` seconds.
 
         The acceleration is Gauss-Markov, rate and yaw are its integrals; once the rate's variance would exceed that of
@@ -144,7 +144,8 @@ class YawEkf(ExtendedKalmanFilter):
         """
         config = self.config
         F, Q = np.eye(DIM), np.zeros((DIM, DIM))
-        q, prior, ramp = config.rate_walk**2, config.initial_rate_sigma**2, config.rate_ramp
+        walk = config.watched_rate_walk if watched else config.rate_walk
+        q, prior, ramp = walk**2, config.initial_rate_sigma**2, config.rate_ramp
         F[State.YAW, State.RATE] = dt
         if still or self.P[State.RATE, State.RATE] + q * dt > prior:
             F[State.ACCELERATION, State.ACCELERATION] = math.exp(-dt / ramp)

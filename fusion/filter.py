@@ -21,6 +21,7 @@ from fusion.vote import Vote
 
 FOREVER_NS = 2**63
 HIDDEN_RATE = 1e-3  # rad/s; a start shows only after some hundredths of a second, at about 0.01 rad/s
+WATCHED_NS = 50_000_000  # since the last gyro sample: a slower gyro does not see how the robot starts to turn
 SILENT_NS = 500_000_000  # longer than the gap between two images of a slow camera
 
 
@@ -120,7 +121,9 @@ class YawFilter:
             state.stillness = Stillness(event.t_ns, reference_ns=event.t_ns)
         self._watch(state, event)
         if before.t_ns is not None and event.t_ns > before.t_ns:
-            ekf.predict_for((event.t_ns - before.t_ns) * 1e-9, still=state.stillness.standing)
+            heard_ns = before.gates[Sensor.GYRO].accepted_ns
+            watched = heard_ns is not None and event.t_ns - heard_ns <= WATCHED_NS
+            ekf.predict_for((event.t_ns - before.t_ns) * 1e-9, still=state.stillness.standing, watched=watched)
         state.t_ns = event.t_ns
         if isinstance(event, GyroEvent):
             self._fuse_gyro(state, event)
@@ -183,6 +186,8 @@ class YawFilter:
         ):
             # twice on the same side: the robot turns harder than was to be expected, since the last sample accepted
             seconds = (event.t_ns - (refused.accepted_ns or event.t_ns)) * 1e-9
+            if seconds > 0.0:
+                self._ekf.widen(State.ACCELERATION, (measurement.innovation / seconds) ** 2)
             self._ekf.widen(State.RATE, measurement.innovation**2)
             self._ekf.widen(State.YAW, (measurement.innovation * seconds) ** 2)
 

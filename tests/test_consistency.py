@@ -60,6 +60,7 @@ def test_nees_and_nis_over_drives_lie_in_their_bounds(sensors, odometry):
             track_timing=0.0,  # the drawn stamps are right
             initial_yaw=STARTS[seed % len(STARTS)],
             recovery_time=0.0,
+            watched_rate_walk=FusionConfig().rate_walk,  # the drawn robot moves alike whether a gyro watches or not
         )
         drive = drawn_drive(seed, sensors, 6.0, config, gyro_hz=25, track_hz=10, compass_hz=5)
         value, innovations = run(drive, config)
