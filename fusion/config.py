@@ -66,7 +66,7 @@ class FusionConfig(ParameterSet):
         0.05, "straying of the tracks' turn rate in turns, as a fraction of it, standard deviation", low=0.0, high=10.0
     )
     track_slip_speed: float = parameter(
-        0.05, "straying of the tracks' turn rate per speed, standard deviation", unit="rad/m", low=0.0, high=10.0
+        0.1, "straying of the tracks' turn rate per speed, standard deviation", unit="rad/m", low=0.0, high=10.0
     )
     slip_time: float = parameter(0.5, "how long such straying lasts", unit="s", low=1e-3, high=1e3)
     veer_sigma: float = parameter(
