@@ -77,6 +77,14 @@ def test_turning_equals_its_matrix_exponential(ekf, dt):
     assert np.all(np.linalg.eigvalsh(Q / np.sqrt(np.outer(np.diag(Q), np.diag(Q)))) > -1e-12)
 
 
+def test_watched_by_a_gyro_the_rate_walks_as_configured(ekf):
+    ekf.config = FusionConfig(watched_rate_walk=0.3)
+    watched = ekf.transition(0.05, watched=True)
+    ekf.config = FusionConfig(rate_walk=0.3)
+    for one, other in zip(watched, ekf.transition(0.05), strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
 def test_process_noise_of_a_relaxing_rate_equals_its_integral(ekf):
     """Q is the integral of white noise through the transition, here summed over 1000 midpoints."""
     ekf.config = FusionConfig(initial_rate_sigma=0.1)
