@@ -79,6 +79,9 @@ class FusionConfig(ParameterSet):
         0.002, "wander of the track scale: its standard deviation after one second", unit="1/sqrt(s)",
         low=0.0, high=10.0,
     )  # fmt: skip
+    compass_timing: float = parameter(
+        0.005, "how far the images' stamps may be off, standard deviation", unit="s", low=0.0, high=1.0
+    )
     compass_error_share: float = parameter(
         0.5, "share of the compass's variance that lasts from image to image (parallax)", low=0.0, high=0.999
     )

@@ -39,7 +39,7 @@ class State(IntEnum):
     TRACK_REF = 9  # yaw at that reference, rad
     STILL_REF = 10  # yaw when the last sign of motion had died away, rad
     COMPASS_ERROR = 11  # lasting error of the compass, in units of its standard deviation
-    CLONE = 12  # first of CLONES yaws at compass references, rad
+    CLONE = 12  # first of CLONES yaws at the exposure of images, rad
 
 
 DIM = State.CLONE + CLONES
@@ -185,6 +185,12 @@ class YawEkf(ExtendedKalmanFilter):
         T[into] = T[State.YAW]
         self._transform(T)
 
+    def clone_exposure(self, into: int) -> None:
+        """Copy the yaw that an image of this stamp shows: it was exposed a little earlier or later."""
+        self.clone_yaw(into)
+        rate_squared = float(self.x[State.RATE]) ** 2 + float(self.P[State.RATE, State.RATE])
+        self.widen(into, self.config.compass_timing**2 * rate_squared)
+
     def renew(self, index: State, variance: float, value: float = 0.0) -> None:
         """Forget state `index`: it is `value`, known with `variance`, and tells nothing of the others."""
         T = np.eye(DIM)
@@ -199,7 +205,7 @@ class YawEkf(ExtendedKalmanFilter):
         Afterwards the measurement's innovation is zero: it tells nothing of the present yaw, those after it will.
         """
         T = np.eye(DIM)
-        T[into] += measurement.H[0]  # the measured difference is yaw - clone + lasting error + noise
+        T[into] += measurement.H[0]  # the measured difference is a later clone - this one + lasting error + noise
         x = self.x.copy()
         x[into] -= measurement.innovation
         self._transform(T)
@@ -266,20 +272,20 @@ class YawEkf(ExtendedKalmanFilter):
         H[0, State.YAW], H[0, State.STILL_REF], H[0, State.RATE] = 1.0, -1.0, -seconds  # all the while at that rate
         self.correct(Measurement(-float((H @ self.x)[0]), H, STILL_TURN**2, consider=consider))
 
-    def widen(self, index: State, variance: float) -> None:
+    def widen(self, index: int, variance: float) -> None:
         """Add to the variance of state `index`."""
         self.P = self.P.copy()
         self.P[index, index] += variance
 
-    def compass(self, yaw: float, variance: float, clone: int) -> Measurement:
-        """What an increment (rad, variance rad^2) since state `clone` says: a difference of yaws, modulo a turn.
+    def compass(self, yaw: float, variance: float, since: int, until: int) -> Measurement:
+        """What an increment (rad, variance rad^2) between the clones `since` and `until` says, modulo a turn.
 
         Part of its error lasts from image to image and beyond the reference (parallax keeps its sign while the robot
         passes the same things): the share ``compass_error_share`` of the variance is that of a Gauss-Markov state.
         """
         share = self.config.compass_error_share
         H = np.zeros((1, DIM))
-        H[0, State.YAW], H[0, clone] = 1.0, -1.0
+        H[0, until], H[0, since] = 1.0, -1.0
         H[0, State.COMPASS_ERROR] = math.sqrt(share * variance)
         innovation = float(wrap_angle(yaw - float((H @ self.x)[0])))
         return Measurement(innovation, H, (1.0 - share) * variance, consider=self.considered)

@@ -222,29 +222,31 @@ class YawFilter:
         """Take in the turn since a remembered yaw, or place that yaw where the increment says."""
         increment, ekf = event.sample, self._ekf
         self._take_vote(state, increment)
-        slot = next((i for i, c in enumerate(state.clones) if c and c.t_ns == increment.t_ref_ns), None)
+        slot = self._slot_of(state, increment.t_ref_ns)
+        known = slot is not None
         if slot is None:
             # the reference was never seen: place it where this increment says, so that those to come can use it
             state.references_lost += 1
             slot = self._remember(state, increment.t_ref_ns, reference=True)
-            ekf.anchor(State.CLONE + slot, ekf.compass(increment.yaw, increment.variance, State.CLONE + slot))
-        else:
-            measurement = ekf.compass(increment.yaw, increment.variance, State.CLONE + slot)
-            verdict = self._judge(state, Sensor.COMPASS, measurement)
-            if state.vote.distrusted is Sensor.COMPASS:
-                ekf.anchor(State.CLONE + slot, measurement)
-            elif verdict is Verdict.RECOVERED:
-                # whoever erred, what comes from now on counts; should it be the gyro's bias, let it move
-                ekf.anchor(State.CLONE + slot, measurement)
-                ekf.widen(State.BIAS, self.config.initial_bias_sigma**2)
         self._mark(state, slot, Clone(increment.t_ref_ns, event.t_ns, reference=True))
-        self._remember(state, event.t_ns, reference=False)
+        image = self._remember(state, event.t_ns, reference=False)
+        since, until = State.CLONE + slot, State.CLONE + image
+        measurement = ekf.compass(increment.yaw, increment.variance, since, until)
+        verdict = self._judge(state, Sensor.COMPASS, measurement) if known else None
+        if not known or state.vote.distrusted is Sensor.COMPASS:
+            ekf.anchor(since, measurement)
+        elif verdict is Verdict.RECOVERED:
+            # whoever erred, what comes from now on counts; should it be the gyro's bias, let it move
+            ekf.anchor(since, measurement)
+            ekf.widen(State.BIAS, self.config.initial_bias_sigma**2)
 
     def _take_vote(self, state: FilterState, increment: YawIncrement) -> None:
         """Count the votes; where the gyro lost, take back what was believed of it and let its bias move."""
         ekf, windows = self._ekf, state.vote.windows
         bias, sigma = float(ekf.x[State.BIAS]), float(ekf.P[State.BIAS, State.BIAS]) ** 0.5
-        state.vote = state.vote.with_increment(increment, bias, sigma, float(ekf.x[State.SCALE]))
+        stray = self.config.compass_timing * float(ekf.x[State.RATE])
+        witness = replace(increment, variance=increment.variance + stray**2)
+        state.vote = state.vote.with_increment(witness, bias, sigma, float(ekf.x[State.SCALE]))
         if state.vote.windows > windows and not state.vote.agreed and state.vote.distrusted is Sensor.GYRO:
             ekf.renew(State.BIAS, self.config.initial_bias_sigma**2, bias + state.vote.contradiction)
             ekf.widen(State.RATE, self.config.initial_rate_sigma**2)
@@ -270,16 +272,21 @@ class YawFilter:
         return verdict
 
     def _remember(self, state: FilterState, t_ns: int, *, reference: bool) -> int:
-        """Clone the present yaw as a reference, or as a candidate for one; return the slot."""
+        """Clone the yaw at the exposure of an image, as a reference or as a candidate for one; return the slot."""
         clones = state.clones
-        slot = next((i for i, c in enumerate(clones) if c and c.t_ns == t_ns), None)
+        slot = self._slot_of(state, t_ns)
         if slot is None:
             slot = next((i for i, c in enumerate(clones) if not c or not c.reference), None)
-        if slot is None:
-            slot = min(range(CLONES), key=lambda i: c.used_ns if (c := clones[i]) else 0)
-        self._ekf.clone_yaw(State.CLONE + slot)
+            if slot is None:
+                slot = min(range(CLONES), key=lambda i: c.used_ns if (c := clones[i]) else 0)
+            self._ekf.clone_exposure(State.CLONE + slot)
         self._mark(state, slot, Clone(t_ns, t_ns, reference))
         return slot
+
+    @staticmethod
+    def _slot_of(state: FilterState, t_ns: int) -> int | None:
+        """Where the clone of this time is."""
+        return next((i for i, c in enumerate(state.clones) if c and c.t_ns == t_ns), None)
 
     @staticmethod
     def _mark(state: FilterState, slot: int, clone: Clone) -> None:

@@ -40,7 +40,7 @@ def test_jacobians_equal_finite_differences(ekf):
     pairs = [
         (ekf.gyro(0.0, None), expected_gyro),
         (ekf.tracks(0.0, 1e-4, modulo_turn=True, alone=True), expected_track_turn),
-        (ekf.compass(0.0, 1e-4, State.CLONE), lambda x: expected_compass(x, ekf.config, 1e-4)),
+        (ekf.compass(0.0, 1e-4, State.CLONE, State.YAW), lambda x: expected_compass(x, ekf.config, 1e-4)),
     ]
     step = 1e-6  # all models are at most bilinear, so central differences err by rounding alone: 1e-16 / 1e-6
     for measurement, expected in pairs:
@@ -123,7 +123,7 @@ def test_difference_to_clone_knows_only_what_happened_since(ekf):
     ekf.clone_yaw(State.CLONE)
     before = ekf.P[np.ix_(TURNING[1:], TURNING[1:])]
     ekf.predict_for(0.1)
-    measurement = ekf.compass(0.0, 1e-4, State.CLONE)
+    measurement = ekf.compass(0.0, 1e-4, State.CLONE, State.YAW)
     H = measurement.H.copy()
     H[0, State.COMPASS_ERROR] = 0.0
     # the turn since the clone is that of rate and acceleration plus their noise, whatever the yaw's own variance
@@ -134,8 +134,8 @@ def test_difference_to_clone_knows_only_what_happened_since(ekf):
 
 def test_anchor_leaves_no_innovation_and_does_not_move_the_yaw(ekf):
     yaw, variance = ekf.x[State.YAW], ekf.P[State.YAW, State.YAW]
-    ekf.anchor(State.CLONE, ekf.compass(0.7, 1e-4, State.CLONE))
-    again = ekf.compass(0.7, 1e-4, State.CLONE)
+    ekf.anchor(State.CLONE, ekf.compass(0.7, 1e-4, State.CLONE, State.YAW))
+    again = ekf.compass(0.7, 1e-4, State.CLONE, State.YAW)
     assert again.innovation == pytest.approx(0.0, abs=1e-12)
     assert (ekf.x[State.YAW], ekf.P[State.YAW, State.YAW]) == (yaw, variance)
     # nothing is known of the clone but through this increment, so its noise alone is left in the innovation
@@ -145,7 +145,7 @@ def test_anchor_leaves_no_innovation_and_does_not_move_the_yaw(ekf):
 
 def test_turn_frame_keeps_turns_and_references(ekf):
     ekf.x[State.YAW] = 4.0 * math.tau + 0.3
-    H = ekf.compass(0.0, 1e-4, State.CLONE).H
+    H = ekf.compass(0.0, 1e-4, State.CLONE, State.YAW).H
     before = ekf.x[State.YAW] - ekf.x[YAWS], (H @ ekf.P @ H.T).item()
     ekf.turn_frame(-3.0, 0.01)
     assert ekf.x[State.YAW] == pytest.approx(4.0 * math.tau - 3.0 + math.tau)  # nearest turn: 2.98 up, not 3.3 down
@@ -161,7 +161,7 @@ def test_compass_innovation_is_wrapped(ekf, degrees):
     ekf.x[State.CLONE] = 20.0
     ekf.x[State.YAW] = 20.0 + 3.0 * math.tau + math.radians(degrees)
     z = float(wrap_angle(math.radians(degrees) + 0.01))
-    assert ekf.compass(z, 1e-4, State.CLONE).innovation == pytest.approx(0.01, abs=1e-9)
+    assert ekf.compass(z, 1e-4, State.CLONE, State.YAW).innovation == pytest.approx(0.01, abs=1e-9)
 
 
 def test_considered_states_keep_value_and_variance(ekf):

@@ -12,7 +12,7 @@ from compass import YawIncrement
 from fusion import FusionConfig, GyroSample, YawFusion
 from fusion.smoother import smooth
 
-LINEAR = FusionConfig(gyro_scale_sigma=0.0, gate_probability=1.0 - 1e-12, watched_rate_walk=1.0)
+LINEAR = FusionConfig(gyro_scale_sigma=0.0, gate_probability=1.0 - 1e-12, watched_rate_walk=1.0, compass_timing=0.0)
 
 
 def batch(samples, config):
