@@ -6,6 +6,7 @@ left (a panorama's columns run clockwise seen from above).
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -63,7 +64,8 @@ def pooled_spectrum(reference: Strip, current: Strip) -> npt.NDArray[np.complex6
 
 def upright_spectrum(reference: Strip, current: Strip) -> npt.NDArray[np.complex64]:
     """The same of fewer rows: not as precise, and several times as quick."""
-    energy = reference.texture * current.texture * reference.smoothed(UPRIGHT_ROWS).size
+    before, now = reference.smoothed(UPRIGHT_ROWS), current.smoothed(UPRIGHT_ROWS)
+    energy = math.sqrt(float(np.vdot(before, before)) * float(np.vdot(now, now)))
     spectrum = (reference.upright_spectrum.conj() * current.upright_spectrum).sum(axis=0)
     return spectrum / np.float32(max(energy, 1e-12))  # type: ignore[no-any-return]
 

@@ -20,9 +20,9 @@ Spectrum = npt.NDArray[np.complex64]
 
 SMOOTHED_ROWS = 40
 UPRIGHT_ROWS = 24  # what rises or sinks by less than such a row does not disturb how far it moved sideways
-_SOFT = np.array([0.25, 0.5, 0.25], np.float32)
-_ALONE = np.ones(1, np.float32)
 HALVED_COLUMNS = 1024  # from so many on, half of them are enough to see what rises and sinks
+_SOFT = np.array([0.25, 0.5, 0.25], np.float32)  # a kernel across neighbours
+_ALONE = np.ones(1, np.float32)  # and one that leaves them as they are
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,7 +14,7 @@ from compass.growth import measure_growth
 from compass.local import coarse_shift, local_shifts
 from compass.match import Search
 from compass.parallax import PER_CIRCLE, SECTORS
-from compass.strip import prepare_strip
+from compass.strip import UPRIGHT_ROWS, prepare_strip
 
 WIDTH, HEIGHT, NOISE = 1024, 512, 2.0
 PER_RAD = WIDTH / math.tau
@@ -33,7 +33,7 @@ def measured(before, now, config=None):
     config = config or CompassConfig()
     reference, current = prepare_strip(0, before, config), prepare_strip(1, now, config)
     coarse = coarse_shift(upright_spectrum(reference, current), WIDTH, Search(0.0, WIDTH, WIDTH / 2))
-    sectors = local_shifts(reference, current, coarse.shift_px, SECTORS, PER_CIRCLE)
+    sectors = local_shifts(reference, current, coarse.shift_px, SECTORS, PER_CIRCLE, UPRIGHT_ROWS)
     return measure_growth(reference, current, sectors, SECTORS, PER_CIRCLE), sectors
 
 
