@@ -80,8 +80,12 @@ class FusionConfig(ParameterSet):
         low=0.0, high=10.0,
     )  # fmt: skip
     compass_timing: float = parameter(
-        0.005, "how far the images' stamps may be off, standard deviation", unit="s", low=0.0, high=1.0
+        0.005, "how far the images' stamps stray, standard deviation", unit="s", low=0.0, high=1.0
     )
+    camera_delay: float = parameter(
+        0.0, "how much later than they were exposed images are stamped, at the start", unit="s", low=-1.0, high=1.0
+    )
+    camera_delay_sigma: float = parameter(0.05, "its standard deviation at the start", unit="s", low=0.0, high=1.0)
     compass_error_share: float = parameter(
         0.5, "share of the compass's variance that lasts from image to image (parallax)", low=0.0, high=0.999
     )

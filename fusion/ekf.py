@@ -16,6 +16,7 @@ from filterpy.kalman import ExtendedKalmanFilter
 
 from compass import wrap_angle
 from fusion.config import FusionConfig
+from fusion.exposure import Exposure, GyroTrail
 
 Array = npt.NDArray[np.float64]
 CLONES = 3
@@ -39,7 +40,8 @@ class State(IntEnum):
     TRACK_REF = 9  # yaw at that reference, rad
     STILL_REF = 10  # yaw when the last sign of motion had died away, rad
     COMPASS_ERROR = 11  # lasting error of the compass, in units of its standard deviation
-    CLONE = 12  # first of CLONES yaws at the exposure of images, rad
+    CAMERA_DELAY = 12  # from the exposure of an image to its stamp, s
+    CLONE = 13  # first of CLONES yaws at the exposure of images, rad
 
 
 DIM = State.CLONE + CLONES
@@ -115,6 +117,7 @@ class YawEkf(ExtendedKalmanFilter):
         self.x = np.zeros(DIM)
         self.x[YAWS] = config.initial_yaw
         self.x[State.SCALE] = config.initial_scale
+        self.x[State.CAMERA_DELAY] = config.camera_delay
         sigma = np.zeros(DIM)
         sigma[State.RATE] = config.initial_rate_sigma
         sigma[State.ACCELERATION] = config.rate_walk / math.sqrt(2.0 * config.rate_ramp)
@@ -123,6 +126,7 @@ class YawEkf(ExtendedKalmanFilter):
         sigma[State.GYRO_SCALE] = config.gyro_scale_sigma
         sigma[State.VEER] = config.veer_sigma
         sigma[State.SLIP] = sigma[State.COMPASS_ERROR] = 1.0
+        sigma[State.CAMERA_DELAY] = config.camera_delay_sigma
         self.P = np.diag(sigma**2)
         self.P[np.ix_(YAWS, YAWS)] = config.initial_yaw_sigma**2
         self.track_speed = self.track_stray = 0.0
@@ -185,11 +189,36 @@ class YawEkf(ExtendedKalmanFilter):
         T[into] = T[State.YAW]
         self._transform(T)
 
-    def clone_exposure(self, into: int) -> None:
-        """Copy the yaw that an image of this stamp shows: it was exposed a little earlier or later."""
-        self.clone_yaw(into)
+    def exposure(self, t_ns: int, trail: GyroTrail | None) -> Exposure:
+        """What happened between the exposure of an image stamped `t_ns`, the present, and that stamp.
+
+        Without a gyro's `trail` the delay is taken for known: nothing else could tell it, and as an unknown it would
+        let the tracks draw the yaw about.
+        """
+        delay, variance = float(self.x[State.CAMERA_DELAY]), float(self.P[State.CAMERA_DELAY, State.CAMERA_DELAY])
+        if trail is None:
+            return Exposure(delay, float(self.x[State.RATE]) * delay)
+        claimed = trail.exposure(t_ns, delay, variance, self.config.gyro_sigma**2)
+        bias, gain = float(self.x[State.BIAS]), 1.0 + float(self.x[State.GYRO_SCALE])
+        turn, rate = (claimed.turn - bias * delay) / gain, (claimed.rate - bias) / gain
+        unseen = self.config.watched_rate_walk**2 * max(-delay, 0.0) ** 3 / 3.0  # exposed after the last sample
+        return Exposure(delay, turn, rate, claimed.variance + unseen, watched=True)
+
+    def clone_exposure(self, into: int, exposure: Exposure) -> None:
+        """Copy the yaw that an image of the present stamp shows: that of its exposure."""
+        T = np.eye(DIM)
+        T[into] = T[State.YAW]
+        T[into, State.CAMERA_DELAY] = -exposure.rate
+        if exposure.watched:
+            gain = 1.0 + float(self.x[State.GYRO_SCALE])
+            T[into, State.BIAS], T[into, State.GYRO_SCALE] = exposure.delay / gain, exposure.turn / gain
+        else:
+            T[into, State.RATE] = -exposure.delay
+        exposed = float(self.x[State.YAW]) - exposure.turn
         rate_squared = float(self.x[State.RATE]) ** 2 + float(self.P[State.RATE, State.RATE])
-        self.widen(into, self.config.compass_timing**2 * rate_squared)
+        self._transform(T)
+        self.x[into] = exposed
+        self.widen(into, self.config.compass_timing**2 * rate_squared + exposure.variance)
 
     def renew(self, index: State, variance: float, value: float = 0.0) -> None:
         """Forget state `index`: it is `value`, known with `variance`, and tells nothing of the others."""

@@ -9,10 +9,13 @@ import copy
 import math
 from dataclasses import dataclass, field, replace
 
+import numpy as np
+
 from compass import YawIncrement
 from fusion.config import FusionConfig
 from fusion.ekf import CLONES, Array, Correction, Measurement, State, Transition, YawEkf
 from fusion.events import CompassEvent, FusionEvent, GyroEvent, HeadingEvent, Sensor, TracksEvent
+from fusion.exposure import Exposure, GyroTrail
 from fusion.gating import Gate, Verdict, gate_limit
 from fusion.samples import GyroSample, YawEstimate
 from fusion.standstill import Stillness
@@ -37,11 +40,14 @@ class Clone:
         When an increment last referred to it.
     reference : bool
         Whether an increment refers to it, or only might.
+    exposure : Exposure
+        Of the image.
     """
 
     t_ns: int
     used_ns: int
     reference: bool
+    exposure: Exposure
 
 
 @dataclass(slots=True)
@@ -70,6 +76,8 @@ class FilterState:
         Signs of standing still.
     vote : Vote
         On the gyro.
+    trail : GyroTrail
+        What the gyro said lately.
     """
 
     x: Array
@@ -84,6 +92,12 @@ class FilterState:
     references_lost: int = 0
     stillness: Stillness = field(default_factory=lambda: Stillness(0))
     vote: Vote = field(default_factory=Vote)
+    trail: GyroTrail = field(default_factory=GyroTrail)
+
+    def hears(self, sensor: Sensor) -> bool:
+        """Whether a sensor has measured the turning lately."""
+        t_ns = self.gates[sensor].accepted_ns
+        return t_ns is not None and (self.t_ns or 0) - t_ns <= SILENT_NS
 
 
 class YawFilter:
@@ -174,6 +188,8 @@ class YawFilter:
         state.vote = state.vote.with_gyro(sample)
         measurement = self._ekf.gyro(sample.yaw_rate, self._gyro_sigma(state, sample) ** 2)
         verdict = self._judge(state, Sensor.GYRO, measurement)
+        if verdict is not Verdict.REJECTED:
+            state.trail = state.trail.add(sample.t_ns, sample.yaw_rate)
         if verdict is Verdict.RECOVERED:
             # the bias has jumped: open it until the gate is met
             excess = measurement.innovation**2 / self._limit - self._ekf.innovation_variance(measurement)
@@ -195,7 +211,7 @@ class YawFilter:
         """Take in what the tracks claim since their reference, once `track_interval` is over."""
         sample, ekf, tracks = event.sample, self._ekf, state.tracks
         state.vote = state.vote.with_tracks(sample)
-        alone = not (self._heard(state, Sensor.GYRO) or self._heard(state, Sensor.COMPASS))
+        alone = not (state.hears(Sensor.GYRO) or state.hears(Sensor.COMPASS))
         # seldom enough that a slip meets what the others have settled, and not the other way round
         interval = 0.0 if alone else self.config.track_interval
         turn, modulo_turn = tracks.turn_until(sample, self.config.odometry) if tracks else (None, False)
@@ -221,14 +237,14 @@ class YawFilter:
     def _fuse_increment(self, state: FilterState, event: CompassEvent) -> None:
         """Take in the turn since a remembered yaw, or place that yaw where the increment says."""
         increment, ekf = event.sample, self._ekf
-        self._take_vote(state, increment)
         slot = self._slot_of(state, increment.t_ref_ns)
         known = slot is not None
+        self._take_vote(state, increment, slot)
         if slot is None:
             # the reference was never seen: place it where this increment says, so that those to come can use it
             state.references_lost += 1
             slot = self._remember(state, increment.t_ref_ns, reference=True)
-        self._mark(state, slot, Clone(increment.t_ref_ns, event.t_ns, reference=True))
+        self._use(state, slot, event.t_ns)
         image = self._remember(state, event.t_ns, reference=False)
         since, until = State.CLONE + slot, State.CLONE + image
         measurement = ekf.compass(increment.yaw, increment.variance, since, until)
@@ -236,27 +252,27 @@ class YawFilter:
         if not known or state.vote.distrusted is Sensor.COMPASS:
             ekf.anchor(since, measurement)
         elif verdict is Verdict.RECOVERED:
-            # whoever erred, what comes from now on counts; should it be the gyro's bias, let it move
+            # whoever erred, what comes from now on counts; should it be the gyro's bias or the delay, let them move
             ekf.anchor(since, measurement)
             ekf.widen(State.BIAS, self.config.initial_bias_sigma**2)
+            ekf.widen(State.CAMERA_DELAY, self.config.camera_delay_sigma**2)
 
-    def _take_vote(self, state: FilterState, increment: YawIncrement) -> None:
+    def _take_vote(self, state: FilterState, increment: YawIncrement, slot: int | None) -> None:
         """Count the votes; where the gyro lost, take back what was believed of it and let its bias move."""
         ekf, windows = self._ekf, state.vote.windows
         bias, sigma = float(ekf.x[State.BIAS]), float(ekf.P[State.BIAS, State.BIAS]) ** 0.5
-        stray = self.config.compass_timing * float(ekf.x[State.RATE])
-        witness = replace(increment, variance=increment.variance + stray**2)
+        until = self._exposure(state)
+        clone = state.clones[slot] if slot is not None else None
+        since = clone.exposure if clone else until
+        stray = self.config.compass_timing**2 * float(ekf.x[State.RATE]) ** 2
+        stray += float(ekf.P[State.CAMERA_DELAY, State.CAMERA_DELAY]) * (until.rate - since.rate) ** 2
+        # what it saw between the stamps, as the others did
+        witness = replace(increment, yaw=increment.yaw + until.turn - since.turn, variance=increment.variance + stray)
         state.vote = state.vote.with_increment(witness, bias, sigma, float(ekf.x[State.SCALE]))
         if state.vote.windows > windows and not state.vote.agreed and state.vote.distrusted is Sensor.GYRO:
             ekf.renew(State.BIAS, self.config.initial_bias_sigma**2, bias + state.vote.contradiction)
             ekf.widen(State.RATE, self.config.initial_rate_sigma**2)
             ekf.widen(State.YAW, state.vote.contradiction**2)
-
-    @staticmethod
-    def _heard(state: FilterState, sensor: Sensor) -> bool:
-        """Whether a sensor has measured the turning lately."""
-        t_ns = state.gates[sensor].accepted_ns
-        return t_ns is not None and (state.t_ns or 0) - t_ns <= SILENT_NS
 
     def _judge(self, state: FilterState, sensor: Sensor, measurement: Measurement) -> Verdict:
         """Pass a measurement through its gate and fuse it if accepted."""
@@ -279,9 +295,18 @@ class YawFilter:
             slot = next((i for i, c in enumerate(clones) if not c or not c.reference), None)
             if slot is None:
                 slot = min(range(CLONES), key=lambda i: c.used_ns if (c := clones[i]) else 0)
-            self._ekf.clone_exposure(State.CLONE + slot)
-        self._mark(state, slot, Clone(t_ns, t_ns, reference))
+            exposure = self._exposure(state)
+            self._ekf.clone_exposure(State.CLONE + slot, exposure)
+            state.clones = (*clones[:slot], Clone(t_ns, t_ns, reference, exposure), *clones[slot + 1 :])
+        elif reference:
+            self._use(state, slot, t_ns)
         return slot
+
+    def _exposure(self, state: FilterState) -> Exposure:
+        """What happened between the exposure of an image stamped at present, and now."""
+        if state.stillness.standing:
+            return Exposure()
+        return self._ekf.exposure(state.t_ns or 0, state.trail if state.hears(Sensor.GYRO) else None)
 
     @staticmethod
     def _slot_of(state: FilterState, t_ns: int) -> int | None:
@@ -289,9 +314,12 @@ class YawFilter:
         return next((i for i, c in enumerate(state.clones) if c and c.t_ns == t_ns), None)
 
     @staticmethod
-    def _mark(state: FilterState, slot: int, clone: Clone) -> None:
-        """Note what a clone slot holds."""
-        state.clones = (*state.clones[:slot], clone, *state.clones[slot + 1 :])
+    def _use(state: FilterState, slot: int, t_ns: int) -> None:
+        """Note that a clone is a reference, in use at `t_ns`."""
+        clone = state.clones[slot]
+        if clone is not None:
+            clones = state.clones
+            state.clones = (*clones[:slot], replace(clone, used_ns=t_ns, reference=True), *clones[slot + 1 :])
 
 
 def estimate_of(state: FilterState) -> YawEstimate | None:
@@ -299,16 +327,22 @@ def estimate_of(state: FilterState) -> YawEstimate | None:
     if state.t_ns is None:
         return None
     x, P, standing = state.x, state.P, state.stillness.standing
+    rate, seen = float(x[State.RATE]), np.zeros(len(x))
+    seen[State.YAW] = 1.0
+    if state.hears(Sensor.COMPASS) and not state.hears(Sensor.GYRO):
+        seen[State.CAMERA_DELAY] = rate  # taken for known, as nobody else says when the robot turned
     return YawEstimate(
         t_ns=state.t_ns,
         yaw=float(x[State.YAW]),
-        yaw_variance=float(P[State.YAW, State.YAW]),
-        yaw_rate=float(x[State.RATE]),
+        yaw_variance=float(seen @ P @ seen),
+        yaw_rate=rate,
         yaw_rate_variance=float(P[State.RATE, State.RATE]) + (HIDDEN_RATE**2 if standing else 0.0),
         gyro_bias=float(x[State.BIAS]),
         gyro_bias_variance=float(P[State.BIAS, State.BIAS]),
         track_scale=float(x[State.SCALE]),
         track_scale_variance=float(P[State.SCALE, State.SCALE]),
+        camera_delay=float(x[State.CAMERA_DELAY]),
+        camera_delay_variance=float(P[State.CAMERA_DELAY, State.CAMERA_DELAY]),
         standstill=standing,
         slip=state.gates[Sensor.TRACKS].rejecting_since_ns is not None,
     )

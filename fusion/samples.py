@@ -64,6 +64,8 @@ class YawEstimate:
         What the gyro adds to the rate, rad/s and (rad/s)^2.
     track_scale, track_scale_variance : float
         Claimed over true turn rate of the tracks, 1.
+    camera_delay, camera_delay_variance : float
+        From the exposure of an image to its stamp, s and s^2.
     standstill, slip : bool
         Whether the robot is taken to stand, and the tracks to slip.
     """
@@ -77,6 +79,8 @@ class YawEstimate:
     gyro_bias_variance: float
     track_scale: float
     track_scale_variance: float
+    camera_delay: float = 0.0
+    camera_delay_variance: float = 0.0
     standstill: bool = False
     slip: bool = False
 

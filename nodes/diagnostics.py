@@ -169,6 +169,8 @@ def fusion_finding(estimate: YawEstimate | None, live: int) -> Finding:
         "gyro bias sigma [deg/s]": f"{math.degrees(math.sqrt(estimate.gyro_bias_variance)):.4f}",
         "track scale": f"{estimate.track_scale:.4f}",
         "track scale sigma": f"{math.sqrt(estimate.track_scale_variance):.4f}",
+        "camera delay [ms]": f"{1e3 * estimate.camera_delay:.1f}",
+        "camera delay sigma [ms]": f"{1e3 * math.sqrt(estimate.camera_delay_variance):.1f}",
         "standstill": str(estimate.standstill),
         "slip": str(estimate.slip),
     }

@@ -52,7 +52,8 @@ def drawn_drive(seed, sensors=SENSORS, seconds=10.0, config=None, gyro_hz=50, tr
         at = np.arange(0, n, GRID_HZ // track_hz)
         samples += _tracks(rng, at, t_ns, (yaw, rate, speed), (scale, veer, slip), config)
     if "compass" in sensors:
-        samples += _compass(rng, np.arange(0, n, GRID_HZ // compass_hz), t_ns, yaw, rate, hold, config)
+        at, timed = np.arange(0, n, GRID_HZ // compass_hz), "gyro" in sensors  # else the camera's clock is the time
+        samples += _compass(rng, at, t_ns, yaw, rate, hold, config, timed=timed)
     return Drive(t_ns, yaw, rate, bias, scale, sorted(samples, key=lambda sample: sample.t_ns))
 
 
@@ -115,10 +116,11 @@ def _tracks(rng, at, t_ns, motion, errors, config):
     return [OdometrySample(int(t), float(w), float(v), float(p)) for t, w, v, p in rows]
 
 
-def _compass(rng, at, t_ns, yaw, rate, hold, config):
+def _compass(rng, at, t_ns, yaw, rate, hold, config, *, timed):
     share, out, reference = config.compass_error_share, [], at[0]
     lasting = _gauss_markov(rng, yaw.size, config.compass_error_time)
-    yaw = yaw + config.compass_timing * rate * rng.normal(size=yaw.size)  # at the exposure, not at the stamp
+    delay = config.camera_delay + (config.camera_delay_sigma * rng.normal() if timed else 0.0)
+    yaw = yaw - (delay + config.compass_timing * rng.normal(size=yaw.size)) * rate  # at the exposure, not at the stamp
     for i in at[1:]:
         variance = float(rng.uniform(0.5e-3, 2e-3)) ** 2
         error = math.sqrt(share) * lasting[i] + math.sqrt(1.0 - share) * rng.normal()

@@ -1,5 +1,6 @@
 """What calibration finds in a recording, against what was put in."""
 
+import json
 import math
 
 import numpy as np
@@ -10,6 +11,7 @@ from compass import VisualCompass
 from compass.local import SectorShifts
 from compass.mask import load_mask
 from fusion.offline.cli import main
+from fusion.offline.scores import COMPASS, FUSED
 from fusion.offline.surroundings import body_top, forward_column, static_pixels
 from fusion.settings import load_settings
 
@@ -81,6 +83,22 @@ def test_calibrate_proposes_what_was_put_in(tmp_path, capsys):
     assert "forward_column: not found" in (tmp_path / "c.yaml").read_text()  # it never drives
     assert (tmp_path / "m.png").exists()
     assert "settings in" in capsys.readouterr().out
+
+
+def test_calibrate_and_fuse_tell_how_late_the_images_are_stamped(tmp_path, capsys):
+    with TinyBag(tmp_path / "bag") as bag:
+        fill(bag, TinyDrive(seconds=8.0, camera_delay=0.08))
+    assert main(["calibrate", str(tmp_path / "bag"), "--out", str(tmp_path / "c.yaml")]) == 0
+    settings = load_settings(tmp_path / "c.yaml")
+    assert settings.fusion.camera_delay == pytest.approx(0.08, abs=0.01)
+    capsys.readouterr()
+    for more in ([], ["--config", str(tmp_path / "c.yaml")]):
+        assert main(["fuse", str(tmp_path / "bag"), "--out", str(tmp_path / f"out{len(more)}"), *more]) == 0
+        assert " ms after their exposure; taken into account" in capsys.readouterr().out
+        summary = json.loads((tmp_path / f"out{len(more)}" / "summary.json").read_text())
+        assert summary["camera_delay_s"] == pytest.approx(0.08, abs=3.0 * summary["camera_delay_sigma_s"])
+        fused, compass = (summary["yaw"][source]["final_error_deg"] for source in (FUSED, COMPASS))
+        assert abs(fused) < 0.2 * abs(compass)  # 0.08 s at 0.5 rad/s: 2.3 deg
 
 
 def test_calibrate_without_turning_is_refused(tiny_bag, tmp_path, capsys):

@@ -25,6 +25,7 @@ class TinyDrive:
     rate: float = 0.5
     gyro_bias: float = 0.01
     width: int = 256
+    camera_delay: float = 0.0  # from the exposure to the stamp, s
     body: bool = False  # whether the lower 30 % of the image show the robot itself
 
     def turn_rate(self, t: Any) -> Any:
@@ -51,7 +52,7 @@ class TinyDrive:
             picture = cv2.resize(own, (self.width, self.width // 2), interpolation=cv2.INTER_CUBIC)
             first = round(0.7 * scene.shape[0])
             scene[first:] = (scene.std() * picture / picture.std())[first:]
-        grain = np.random.default_rng(round(t * 1e6)).normal(size=scene.shape)
+        grain = np.random.default_rng(round((t + 1.0) * 1e6)).normal(size=scene.shape)
         return np.clip(np.rint(128 + 50 * scene / scene.std() + grain), 0, 255).astype(np.uint8)
 
 
@@ -187,6 +188,6 @@ def _write(bag: TinyBag, drive: TinyDrive, t: float, kind: str, images: str) -> 
     elif kind == "truth":
         bag.odometry("/ground_truth/odom", t_ns, float(drive.yaw(t)), rate)
     elif images == "compressed":
-        bag.compressed("/viz/pano/image/compressed", t_ns, drive.panorama(t))
+        bag.compressed("/viz/pano/image/compressed", t_ns, drive.panorama(t - drive.camera_delay))
     else:
-        bag.image("/viz/pano/image", t_ns, drive.panorama(t))
+        bag.image("/viz/pano/image", t_ns, drive.panorama(t - drive.camera_delay))

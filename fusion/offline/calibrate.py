@@ -22,9 +22,10 @@ from compass.strip import prepare_strip
 from fusion.offline.bag import Bag, BagError
 from fusion.offline.console import progress_bar
 from fusion.offline.recording import BagRecording, Frame, Times, read_recording
-from fusion.offline.run import fuse_recording
+from fusion.offline.run import FusedRun, fuse_recording
 from fusion.offline.scores import FUSED, YawTrack, yaw_at, yaw_tracks
 from fusion.offline.staging import staged_file
+from fusion.offline.summary import KNOWN_DELAY
 from fusion.offline.surroundings import MASK_COLUMNS, Mask, Panorama, body_top, forward_column, static_pixels
 from fusion.offline.topics import TopicRequest, choose_topics
 from fusion.settings import Settings
@@ -84,7 +85,8 @@ def calibrate_bag(path: Path, settings: Settings, request: TopicRequest, out: Pa
         with progress_bar("reading samples") as progress:
             recording = read_recording(bag, choice, settings.imu, settings.compass.columns, progress)
         with progress_bar("fusing") as progress:
-            fused = yaw_tracks(fuse_recording(recording, settings, progress))[FUSED]
+            run = fuse_recording(recording, settings, progress)
+        fused = yaw_tracks(run)[FUSED]
         evidence = gather(recording, fused)
     if len(evidence.turned) < 6:
         turned = math.degrees(len(evidence.turned) * TURN_STEP)
@@ -93,7 +95,7 @@ def calibrate_bag(path: Path, settings: Settings, request: TopicRequest, out: Pa
     region = _region(evidence, static, fused, settings.compass)
     mask = _mask(static, region, out)
     findings = [*region, mask, _forward(evidence, settings.compass)]
-    findings += [_gyro_noise(recording), _track_scale(recording, fused)]
+    findings += [_gyro_noise(recording), _track_scale(recording, fused), _camera_delay(run)]
     with ExitStack() as files:  # the settings appear last: they never name a mask that is not there
         files.enter_context(staged_file(out)).write_text(
             _as_yaml(findings, path, _image_noise(evidence)), encoding="utf-8"
@@ -278,6 +280,16 @@ def _track_scale(recording: BagRecording, fused: YawTrack) -> Finding:
         return Finding(name, None, "the robot hardly turns")
     scale = float(turns[turning] @ claims[turning] / (turns[turning] @ turns[turning]))
     return Finding(name, round(scale, 3), f"from {np.degrees(np.abs(turns[turning]).sum()):.0f} deg of turning")
+
+
+def _camera_delay(run: FusedRun) -> Finding:
+    """By how much later than exposed the images were stamped, as the filter has learnt it."""
+    name = "fusion.camera_delay"
+    last = next((row.fused for row in reversed(run.rows) if row.fused), None)
+    sigma = math.sqrt(last.camera_delay_variance) if last else math.inf
+    if last is None or sigma > KNOWN_DELAY:
+        return Finding(name, None, "no gyro, or the turn rate hardly changes")
+    return Finding(name, round(last.camera_delay, 4), f"from exposure to stamp, s; good to {1e3 * sigma:.1f} ms")
 
 
 # ---------------------------------------------------------------- output

@@ -39,6 +39,7 @@ COLUMNS = (
     *("t", "compass_yaw", "compass_sigma", "confidence"),
     *("fused_yaw", "fused_sigma", "yaw_rate", "gyro_bias"),
     *("yaw_rate_sigma", "gyro_bias_sigma", "track_scale", "track_scale_sigma", "standstill", "slip"),
+    *("camera_delay", "camera_delay_sigma"),
     *("compass_status", *(f"{sensor.value}_nis" for sensor in Sensor)),
 )
 
@@ -84,6 +85,8 @@ def _fused_values(estimate: YawEstimate) -> dict[str, float]:
         "gyro_bias_sigma": math.sqrt(estimate.gyro_bias_variance),
         "track_scale": estimate.track_scale,
         "track_scale_sigma": math.sqrt(estimate.track_scale_variance),
+        "camera_delay": estimate.camera_delay,
+        "camera_delay_sigma": math.sqrt(estimate.camera_delay_variance),
         "standstill": int(estimate.standstill),
         "slip": int(estimate.slip),
     }

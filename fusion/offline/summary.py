@@ -10,6 +10,9 @@ from fusion.offline.recording import BagRecording
 from fusion.offline.run import FusedRun
 from fusion.offline.scores import scores, yaw_tracks
 
+KNOWN_DELAY = 0.005  # s, standard deviation of a camera delay that was learnt
+SMALL_DELAY = 0.005  # s, as much as stamps stray anyway
+
 
 def summarise(run: FusedRun, recording: BagRecording) -> dict[str, Any]:
     """The facts of a run, ready for JSON: angles in deg where the key says so, else rad."""
@@ -44,6 +47,8 @@ def summarise(run: FusedRun, recording: BagRecording) -> dict[str, Any]:
         "gyro_bias_sigma_rad_s": last and math.sqrt(last.gyro_bias_variance),
         "track_scale": last and last.track_scale,
         "track_scale_sigma": last and math.sqrt(last.track_scale_variance),
+        "camera_delay_s": last and last.camera_delay,
+        "camera_delay_sigma_s": last and math.sqrt(last.camera_delay_variance),
         "images": {status.name: count for status, count in sorted(run.compass_counts.items(), key=lambda i: i[0].name)},
         "samples": dict(sorted(run.fusion_counts.items())),
         "unusable_messages": dict(sorted(recording.dropped.items())),
@@ -59,6 +64,14 @@ def yaw_table(summary: dict[str, Any]) -> str:
     for name, values in summary["yaw"].items():
         rows.append([name, *("" if values.get(key) is None else f"{values[key]:.2f}" for key in keys)])
     return table(header, rows)
+
+
+def delay_line(summary: dict[str, Any]) -> str | None:
+    """What was learnt of the images' stamps; None where nothing was, or they are right."""
+    delay, sigma = summary["camera_delay_s"], summary["camera_delay_sigma_s"]
+    if delay is None or sigma > KNOWN_DELAY or abs(delay) < max(3.0 * sigma, SMALL_DELAY):
+        return None
+    return f"images are stamped {1e3 * delay:.0f} +- {1e3 * sigma:.1f} ms after their exposure; taken into account"
 
 
 def _deg(angle: float) -> float | None:

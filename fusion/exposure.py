@@ -1,0 +1,79 @@
+"""When an image was exposed: not quite at its stamp, and what the gyro says of the turn in between."""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_left, bisect_right
+from dataclasses import dataclass
+
+LONGEST_NS = 1_000_000_000  # of what the gyro said that is remembered
+SHORTEST_STEP = 0.02  # s; over less the gyro's noise says more of its rate than the rate
+CAUTION = 100.0  # the gyro's noise, as a turn rate that changes, must not tell the delay however long it lasts
+
+
+@dataclass(frozen=True, slots=True)
+class Exposure:
+    """What happened between the exposure of an image and its stamp, as far as the delay is known.
+
+    Attributes
+    ----------
+    delay : float
+        From the exposure to the stamp, s; negative where the stamp is the earlier.
+    turn : float
+        By the robot meanwhile, rad.
+    rate : float
+        By how much that grows with the delay, rad/s: the turn rate around the exposure.
+    variance : float
+        Of `turn`, beyond what an error of the delay does to it in proportion, rad^2.
+    watched : bool
+        Whether `turn` is what a gyro says, and not the present rate's.
+    """
+
+    delay: float = 0.0
+    turn: float = 0.0
+    rate: float = 0.0
+    variance: float = 0.0
+    watched: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class GyroTrail:
+    """The rates (rad/s) that a gyro claimed lately, and their integral (rad) since the first of all.
+
+    Between two samples the rate changes linearly, after the last it stays.
+    """
+
+    t_ns: tuple[int, ...] = ()
+    rates: tuple[float, ...] = ()
+    turns: tuple[float, ...] = ()
+
+    def add(self, t_ns: int, rate: float) -> GyroTrail:
+        """With one more sample, not older than the last."""
+        if not self.t_ns:
+            return GyroTrail((t_ns,), (rate,), (0.0,))
+        first = bisect_left(self.t_ns, t_ns - LONGEST_NS)
+        turn = self.turns[-1] + 0.5 * (self.rates[-1] + rate) * (t_ns - self.t_ns[-1]) * 1e-9
+        return GyroTrail((*self.t_ns[first:], t_ns), (*self.rates[first:], rate), (*self.turns[first:], turn))
+
+    def turn_at(self, t_ns: int) -> float:
+        """The integral at a time; the first rate is held before the first sample, the last after the last."""
+        i = max(bisect_right(self.t_ns, t_ns) - 1, 0)
+        rate, seconds, slope = self.rates[i], (t_ns - self.t_ns[i]) * 1e-9, 0.0
+        if seconds > 0.0 and i + 1 < len(self.t_ns):
+            slope = (self.rates[i + 1] - rate) / ((self.t_ns[i + 1] - self.t_ns[i]) * 1e-9)
+        return self.turns[i] + (rate + 0.5 * slope * seconds) * seconds
+
+    def exposure(self, t_ns: int, delay: float, variance: float, noise: float) -> Exposure:
+        """What the gyro, whose samples' noise has the variance `noise`, says of an image stamped `t_ns`.
+
+        The delay (s, its variance s^2) enters by a statistical linearisation over three points, as the turn rate may
+        change a lot while it is uncertain (Norgaard, Poulsen & Ravn 2000, doi:10.1016/S0005-1098(00)00089-3).
+        """
+        step = max(math.sqrt(3.0 * variance), SHORTEST_STEP)
+        now = self.turn_at(t_ns)
+        less, turn, more = (now - self.turn_at(t_ns - round(1e9 * d)) for d in (delay - step, delay, delay + step))
+        weight = 0.5 * variance / step**2
+        rate, mean = 0.5 * (more - less) / step, turn + weight * (less - 2.0 * turn + more)
+        spread = weight * ((less - mean) ** 2 + (more - mean) ** 2) + (1.0 - 2.0 * weight) * (turn - mean) ** 2
+        bent = max(spread - rate**2 * variance, 0.0)
+        return Exposure(delay, mean, rate, bent + CAUTION * noise * variance, watched=True)

@@ -1,0 +1,165 @@
+"""Between exposure and stamp of an image: the gyro's trail, and the delay that the filter learns by it."""
+
+import math
+
+import numpy as np
+import pytest
+
+from compass import YawIncrement, wrap_angle
+from fusion import FusionConfig, GyroSample, OdometrySample, Sensor, YawFusion
+from fusion.ekf import DIM, State, YawEkf
+from fusion.exposure import LONGEST_NS, GyroTrail
+
+SECOND = 10**9
+
+
+def trail_of(rate, seconds=1.0, step_s=0.005):
+    trail = GyroTrail()
+    for t in np.arange(0.0, seconds + 1e-9, step_s):
+        trail = trail.add(round(t * SECOND), float(rate(t)))
+    return trail
+
+
+def test_trail_integrates_the_rate_and_holds_the_last():
+    trail = trail_of(lambda t: 0.2 + t)
+    for t in (0.0, 0.1234, 0.5, 1.0):
+        assert trail.turn_at(round(t * SECOND)) == pytest.approx(0.2 * t + 0.5 * t**2)
+    assert trail.turn_at(SECOND + SECOND // 10) - trail.turn_at(SECOND) == pytest.approx(0.12)
+    assert trail.turn_at(-SECOND // 10) == pytest.approx(-0.02)
+
+
+def test_trail_forgets_what_is_long_ago():
+    trail = trail_of(lambda t: 0.3, 3.0, 0.01)
+    assert len(trail.t_ns) <= LONGEST_NS // 10**7 + 2
+    assert trail.turn_at(3 * SECOND) == pytest.approx(0.9)
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.03, 0.1])
+def test_linearisation_over_an_uncertain_delay_is_exact_where_the_rate_changes_steadily(delay):
+    rate, acceleration, sigma = 0.4, 1.5, 0.04
+    trail = trail_of(lambda t: rate + acceleration * (t - 0.7), 1.0, 0.002)
+    found = trail.exposure(round(0.7 * SECOND), delay, sigma**2, 0.0)
+    # the turn is rate * d - acceleration * d^2 / 2 with d normal: mean, regression on d, and what that leaves
+    assert found.turn == pytest.approx(rate * delay - 0.5 * acceleration * (delay**2 + sigma**2), abs=1e-6)
+    assert found.rate == pytest.approx(rate - acceleration * delay, abs=1e-5)
+    assert found.variance == pytest.approx(0.5 * (acceleration * sigma**2) ** 2, rel=1e-3)
+
+
+def test_known_delay_leaves_no_variance():
+    trail = trail_of(lambda t: math.sin(5.0 * t))
+    found = trail.exposure(SECOND, 0.05, 0.0, 1e-4)
+    assert found.turn == pytest.approx((math.cos(5.0 * 0.95) - math.cos(5.0)) / 5.0, abs=1e-5)
+    assert found.variance == 0.0
+
+
+@pytest.mark.parametrize("watched", [True, False], ids=["gyro", "no gyro"])
+def test_jacobian_of_the_exposed_yaw_equals_finite_differences(watched):
+    """With a known delay; `SHORTEST_STEP` is as nothing where the rate changes steadily."""
+    trail = trail_of(lambda t: 0.3 + 0.8 * t) if watched else None
+    ekf = YawEkf(FusionConfig(camera_delay_sigma=0.0, compass_timing=0.0))
+    x = ekf.x.copy()
+    x[[State.YAW, State.RATE, State.BIAS, State.GYRO_SCALE, State.CAMERA_DELAY]] = 0.7, 0.5, 0.02, 0.01, 0.06
+
+    def exposed(state):
+        ekf.x = state
+        ekf.tape = []
+        ekf.clone_exposure(State.CLONE, ekf.exposure(SECOND, trail))
+        return ekf.x[State.CLONE], ekf.tape[0].F[State.CLONE]
+
+    _, row = exposed(x.copy())
+    step = 1e-5
+    for i in set(range(DIM)) - {State.CLONE}:
+        if i == State.CAMERA_DELAY and not watched:
+            assert row[i] == 0.0  # taken for known
+            continue
+        e = step * np.eye(DIM)[i]
+        slope = (exposed(x + e)[0] - exposed(x - e)[0]) / (2.0 * step)
+        assert row[i] == pytest.approx(slope, abs=1e-6)
+
+
+def swinging(delay_s, seed, rate=0.5, seconds=20.0):
+    """A robot that stands for two seconds, then swings to and fro; images at 15 Hz, stamped too late by the delay."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(round(seconds * 1000)) * 1e-3
+    true_rate = rate * np.sin(2.0 * math.pi * (t - 2.0) / 5.0) * (t > 2.0)
+    yaw = np.cumsum(true_rate) * 1e-3
+    samples = []
+    for k in range(0, t.size, 5):
+        samples.append(GyroSample(k * 10**6, float(true_rate[k] + 0.003 + 0.0025 * rng.normal())))
+    for k in range(0, t.size, 20):
+        samples.append(OdometrySample(k * 10**6, 1.3 * true_rate[k], 0.0, float(wrap_angle(1.3 * yaw[k]))))
+    stamps = np.arange(150, t.size, 67)
+    exposed = np.interp(stamps * 1e-3 - delay_s + 0.001 * rng.normal(size=stamps.size), t, yaw)
+    for k in range(1, stamps.size):
+        since = (k - 1) // 60 * 60  # a keyframe holds for four seconds
+        turn = float(wrap_angle(exposed[k] - exposed[since] + 5e-5 * rng.normal()))
+        samples.append(YawIncrement(int(stamps[since]) * 10**6, int(stamps[k]) * 10**6, turn, 2.5e-9, 0.99))
+    return sorted(samples, key=lambda sample: sample.t_ns), t, yaw
+
+
+@pytest.mark.parametrize("delay_s", [-0.01, 0.0, 0.02, 0.05, 0.1])
+def test_delay_of_the_camera_is_found_and_does_no_harm(delay_s):
+    normalised = []
+    for seed in range(3):
+        samples, t, yaw = swinging(delay_s, seed)
+        fusion = YawFusion()
+        for sample in samples:
+            fusion.add(sample)
+            estimate = fusion.estimate()
+            if isinstance(sample, YawIncrement):
+                error = estimate.yaw - float(np.interp(sample.t_ns * 1e-9, t, yaw))
+                normalised.append(error**2 / estimate.yaw_variance)
+        sigma = math.sqrt(estimate.camera_delay_variance)
+        assert abs(estimate.camera_delay - delay_s) < 4.0 * sigma < 0.004
+        assert fusion.reports()[Sensor.COMPASS].rejected <= 3
+    assert np.mean(normalised) < 2.0
+
+
+def test_delay_known_beforehand_is_taken_out_without_a_gyro_too():
+    samples, t, yaw = swinging(0.2, 0)
+    fusion = YawFusion(FusionConfig(camera_delay=0.2, camera_delay_sigma=0.0))
+    errors = []
+    for sample in samples:
+        if not isinstance(sample, GyroSample):
+            fusion.add(sample)
+            errors.append(fusion.estimate().yaw - float(np.interp(sample.t_ns * 1e-9, t, yaw)))
+    assert np.sqrt(np.mean(np.square(errors))) < math.radians(1.5)  # 0.2 s at 0.35 rad/s: 4 deg
+
+
+def test_without_a_gyro_the_sigma_tells_what_is_not_known_of_the_delay():
+    fusion = YawFusion(FusionConfig(camera_delay_sigma=0.05))
+    for k in range(1, 60):
+        fusion.add(YawIncrement(0, k * 10**8, float(wrap_angle(0.04 * k)), 1e-8, 0.99))
+    assert math.sqrt(fusion.estimate().yaw_variance) == pytest.approx(0.4 * 0.05, rel=0.1)
+
+
+def test_delay_that_jumps_is_learnt_anew():
+    """As when the camera's driver is started again: after `recovery_time` the new one is believed."""
+    before, _, _ = swinging(0.0, 0, seconds=40.0)
+    after, _, yaw = swinging(0.08, 0, seconds=40.0)
+    cut = 20 * SECOND
+    samples = [s for s in before if s.t_ns < cut or not isinstance(s, YawIncrement)]
+    samples += [s for s in after if isinstance(s, YawIncrement) and s.t_ref_ns >= cut]
+    fusion = YawFusion()
+    for sample in sorted(samples, key=lambda s: s.t_ns):
+        fusion.add(sample)
+    estimate = fusion.estimate()
+    assert estimate.camera_delay == pytest.approx(0.08, abs=0.004)
+    assert abs(estimate.yaw - yaw[-1]) < math.radians(2.0)
+
+
+def test_delay_is_not_learnt_from_the_noise_of_a_straight_drive():
+    rng = np.random.default_rng(1)
+    samples = [GyroSample(k * 5 * 10**6, 0.003 + 0.0025 * float(rng.normal())) for k in range(6000)]
+    samples += [OdometrySample(k * 2 * 10**7, 0.0, 0.5, 0.0) for k in range(1500)]
+    samples += [
+        YawIncrement((k - 1) // 60 * 60 * 10**9 // 15, k * 10**9 // 15, float(5e-5 * rng.normal()), 2.5e-9, 0.99)
+        for k in range(1, 450)
+    ]
+    fusion = YawFusion()
+    for sample in sorted(samples, key=lambda sample: sample.t_ns):
+        fusion.add(sample)
+    estimate = fusion.estimate()
+    assert not estimate.standstill
+    assert abs(estimate.camera_delay) < 2.0 * math.sqrt(estimate.camera_delay_variance)
+    assert math.sqrt(estimate.camera_delay_variance) > 0.4 * fusion.config.camera_delay_sigma
