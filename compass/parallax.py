@@ -27,8 +27,8 @@ NARROWEST = 256  # columns; sectors of fewer than eight cannot tell parallax apa
 SECTORS = 64
 PER_CIRCLE = 32.0  # Hann windows of 11 deg, half as far apart
 AGREED = 1.5  # deviations: three sectors of four this near to all of them together saw nothing but a turn
-COARSE = 8  # directions of travel that are tried first
-FINE = 2.0 * np.pi / 64 * np.arange(-4, 5)  # and then about the best of them, rad
+COARSE = 16  # directions of travel that are tried first
+FINE = 2.0 * np.pi / 64 * np.arange(-3, 4)  # and then about the best of them, rad
 SCALES_PX = np.array([0.1, 0.3, 1.0, 3.0, 10.0], np.float32)  # typical pushes that are tried
 GROWTH_ERROR = 0.3  # of a growth itself: the parts of a sector lie at several distances
 GROWTH_FLOOR_PX = 0.1
@@ -38,6 +38,8 @@ MISLED_PX = 3.0  # how large such a growth is
 OUTLIER = -8.0  # log-likelihood of a sector that fits nothing: people, reflections, wrong peaks
 INDEPENDENT = 0.7  # share of the sectors: each has half its columns in common with its neighbours
 FLAT = -6.0  # log-probability that no growth of the image tells a push: another projection, only upright lines
+ROUGH_GRID = 13  # turns that are tried first
+BLUNT = 0.25  # of a step between those: sharper likelihoods would fall between them
 GRID = 25
 NEGLIGIBLE = 12.0  # log-likelihood below the best of a hypothesis that is dropped
 CURVE_ERROR_PX = 0.065  # of a camera that turned by more than TURNING while parts moved apart by more than PUSHED_PX
@@ -169,7 +171,7 @@ def turn_posterior(sectors: SectorEvidence) -> Posterior:
     low, high = _quantile(sectors.shift_px, 0.03) - 0.3, _quantile(sectors.shift_px, 0.97) + 0.3
     sectors, directions, scales, low, high = _roughly(sectors, low, high)
     while True:
-        grid, step = _grid(low, high)
+        grid, step = _grid(low, high, GRID)
         residual = (sectors.shift_px - grid[:, None]).astype(np.float32)
         typical = _log_typical(sectors, directions, scales, residual)
         pushed = _log_likelihood_pushed(sectors, directions, scales, residual, typical)
@@ -189,9 +191,10 @@ def turn_posterior(sectors: SectorEvidence) -> Posterior:
 
 def _roughly(sectors: SectorEvidence, low: float, high: float) -> tuple[SectorEvidence, Floats, Pixels, float, float]:
     """What every other sector says: whether growths are of use, directions, scales and turns worth a closer look."""
-    asked = sectors.every_other()
     directions = 2.0 * np.pi / COARSE * np.arange(COARSE)
-    grid, step = _grid(low, high)
+    grid, step = _grid(low, high, ROUGH_GRID)
+    asked = sectors.every_other()
+    asked = replace(asked, sigma_px=np.hypot(asked.sigma_px, np.float32(BLUNT * step)))
     residual = (asked.shift_px - grid[:, None]).astype(np.float32)
     typical = _log_typical(asked, directions, SCALES_PX, residual)
     flat = _log_likelihood_flat(asked, typical) + FLAT
@@ -199,16 +202,16 @@ def _roughly(sectors: SectorEvidence, low: float, high: float) -> tuple[SectorEv
     if flat.max() > pushed.max():
         sectors, pushed = sectors.without_growth(), flat
     unpushed = _log_likelihood_unpushed(asked, residual)
-    best = float(grid[int(np.vstack([unpushed, pushed.reshape(-1, GRID)]).argmax()) % GRID])
+    best = float(grid[int(np.vstack([unpushed, pushed.reshape(-1, ROUGH_GRID)]).argmax()) % ROUGH_GRID])
     direction, scale = np.unravel_index(int(pushed.max(axis=2).argmax()), pushed.shape[:2])
     near = SCALES_PX[max(scale - 1, 0) : scale + 2]
-    return sectors, directions[direction] + FINE, near, best - 3.0 * step, best + 3.0 * step
+    return sectors, directions[direction] + FINE, near, best - 2.0 * step, best + 2.0 * step
 
 
-def _grid(low: float, high: float) -> tuple[Floats, float]:
-    """GRID turns and the step between them, columns."""
-    step = (high - low) / (GRID - 1)
-    return low + step * np.arange(GRID), step
+def _grid(low: float, high: float, count: int) -> tuple[Floats, float]:
+    """Turns and the step between them, columns."""
+    step = (high - low) / (count - 1)
+    return low + step * np.arange(count), step
 
 
 def _log_likelihood_unpushed(sectors: SectorEvidence, residual: Pixels) -> Pixels:
