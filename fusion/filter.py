@@ -268,7 +268,8 @@ class YawFilter:
         stray += float(ekf.P[State.CAMERA_DELAY, State.CAMERA_DELAY]) * (until.rate - since.rate) ** 2
         # what it saw between the stamps, as the others did
         witness = replace(increment, yaw=increment.yaw + until.turn - since.turn, variance=increment.variance + stray)
-        state.vote = state.vote.with_increment(witness, bias, sigma, float(ekf.x[State.SCALE]))
+        scale, delay = float(ekf.x[State.SCALE]), float(ekf.x[State.CAMERA_DELAY])
+        state.vote = state.vote.with_increment(witness, bias, sigma, scale, delay)
         if state.vote.windows > windows and not state.vote.agreed and state.vote.distrusted is Sensor.GYRO:
             ekf.renew(State.BIAS, self.config.initial_bias_sigma**2, bias + state.vote.contradiction)
             ekf.widen(State.RATE, self.config.initial_rate_sigma**2)

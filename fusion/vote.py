@@ -30,6 +30,7 @@ class Integral:
 
     start_ns: int
     t_ns: int
+    start_rate: float
     rate: float
     turn: float = 0.0
     repeats: int = 0
@@ -38,7 +39,8 @@ class Integral:
     def add(self, t_ns: int, rate: float) -> Integral:
         """With one more sample."""
         turn = self.turn + 0.5 * (self.rate + rate) * (t_ns - self.t_ns) * 1e-9
-        return Integral(self.start_ns, t_ns, rate, turn, self.repeats + 1, self.frozen and rate == self.rate)
+        frozen = self.frozen and rate == self.rate
+        return Integral(self.start_ns, t_ns, self.start_rate, rate, turn, self.repeats + 1, frozen)
 
     def spans(self, window: CompassTurn) -> bool:
         """Whether there were samples from the beginning of a window to its end."""
@@ -49,9 +51,13 @@ class Integral:
         """Turn up to a time after its last sample, whose rate is held."""
         return self.turn + self.rate * (t_ns - self.t_ns) * 1e-9
 
+    def turn_exposed(self, t_ns: int, delay: float) -> float:
+        """The same between the exposures of two images that were stamped `delay` seconds later."""
+        return self.turn_until(t_ns) - delay * (self.rate - self.start_rate)
+
     def anew(self, t_ns: int) -> Integral:
         """From `t_ns` on."""
-        return Integral(t_ns, t_ns, self.rate)
+        return Integral(t_ns, t_ns, self.rate, self.rate)
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,25 +97,35 @@ class Vote:
     def with_gyro(self, sample: GyroSample) -> Vote:
         """After a gyro sample."""
         t_ns, rate = sample.t_ns, sample.yaw_rate
-        return replace(self, gyro=self.gyro.add(t_ns, rate) if self.gyro else Integral(t_ns, t_ns, rate))
+        return replace(self, gyro=self.gyro.add(t_ns, rate) if self.gyro else Integral(t_ns, t_ns, rate, rate))
 
     def with_tracks(self, sample: OdometrySample) -> Vote:
         """After an odometry sample."""
         t_ns, rate = sample.t_ns, sample.yaw_rate
-        return replace(self, tracks=self.tracks.add(t_ns, rate) if self.tracks else Integral(t_ns, t_ns, rate))
+        return replace(self, tracks=self.tracks.add(t_ns, rate) if self.tracks else Integral(t_ns, t_ns, rate, rate))
 
-    def with_increment(self, increment: YawIncrement, bias: float, bias_sigma: float, scale: float) -> Vote:
-        """After a yaw increment; at the end of a window judge, gyro bias (rad/s) and track scale as known."""
+    def with_increment(
+        self, increment: YawIncrement, bias: float, bias_sigma: float, scale: float, delay: float
+    ) -> Vote:
+        """After a yaw increment; at the end of a window judge.
+
+        Parameters
+        ----------
+        increment : YawIncrement
+            Of the turn between the stamps, so far as the gyro is right.
+        bias, bias_sigma, scale, delay : float
+            Gyro bias (rad/s) and its deviation, track scale and camera delay (s) as known.
+        """
         compass = self.compass.add(increment) if self.compass else CompassTurn.begin(increment)
         length_ns = compass.t_ns - compass.start_ns
         if 0 < length_ns < WINDOW_NS:
             return replace(self, compass=compass)
         judged = WINDOW_NS <= length_ns <= LONGEST_WINDOW_NS
-        vote = self._judge(compass, bias, bias_sigma, scale) if judged else self
+        vote = self._judge(compass, bias, bias_sigma, scale, delay) if judged else self
         gyro, tracks = (integral.anew(compass.t_ns) if integral else None for integral in (self.gyro, self.tracks))
         return replace(vote, gyro=gyro, tracks=tracks, compass=CompassTurn.begin(increment))
 
-    def _judge(self, compass: CompassTurn, bias: float, bias_sigma: float, scale: float) -> Vote:
+    def _judge(self, compass: CompassTurn, bias: float, bias_sigma: float, scale: float, delay: float) -> Vote:
         """Compare the turns of a window that is over."""
         seconds = (compass.t_ns - compass.start_ns) * 1e-9
         if self.gyro is None or not self.gyro.spans(compass):
@@ -122,14 +138,17 @@ class Vote:
             return replace(vote, agreed=agreed, distrusted=self.distrusted if agreed < 2**self.strikes else None)
         loser = self.distrusted
         frozen = self.gyro.frozen and self.gyro.repeats > 10
-        claimed = math.inf
+        claimed = from_compass = math.inf
         if self.tracks is not None and self.tracks.spans(compass):
             claimed = self.tracks.turn_until(compass.t_ns) / seconds / scale
+            # a gyro that is wrong may have brought the compass's turn from exposures to stamps, or not
+            exposed = self.tracks.turn_exposed(compass.t_ns, delay) / seconds / scale
+            from_compass = min(abs(claimed - seen), abs(exposed - seen))
         if abs(claimed - felt) < AGREEING * abs(off):
             # one wrong match is for the gate; a misled compass stays wrong
             loser = Sensor.COMPASS if self.opposed else self.distrusted
             vote = replace(vote, opposed=True)
-        elif abs(claimed - seen) < AGREEING * abs(off) or frozen:
+        elif from_compass < AGREEING * abs(off) or frozen:
             loser = Sensor.GYRO
         lost = loser is not None and self.distrusted is None
         return replace(vote, agreed=0, distrusted=loser, strikes=min(self.strikes + lost, MOST_STRIKES))

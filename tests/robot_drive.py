@@ -20,6 +20,7 @@ class RobotDrive:
     t: np.ndarray
     yaw: np.ndarray
     samples: list
+    camera_delay: float = 0.0
 
     def changed(self, change, kind=object, since=0.0, until=math.inf):
         """The drive with `change` (None: left out) made to the samples of a kind between two times, s."""
@@ -35,11 +36,14 @@ class RobotDrive:
         return estimate.yaw - float(np.interp(estimate.t_ns * 1e-9, self.t, self.yaw))
 
 
-def robot_drive(seed=0, seconds=60.0, bias=0.003, scale=1.35, gyro_hz=100, track_hz=40, compass_hz=10):
+def robot_drive(
+    seed=0, seconds=60.0, bias=0.003, scale=1.35, gyro_hz=100, track_hz=40, compass_hz=10, camera_delay=0.0
+):
     """Legs of 1 to 4 s, standing or turning at up to 1 rad/s while driving at 0.5 m/s.
 
     Gyro: white noise of 0.003 rad/s. Tracks: scale of 1.35, grip that strays by 2 % over half a second, encoder ticks.
-    Compass: references held for 2 s, error of 5e-4 rad, half of its variance lasting for a second.
+    Compass: references held for 2 s, error of 5e-4 rad, half of its variance lasting for a second; images stamped
+    `camera_delay` seconds after their exposure.
     """
     rng = np.random.default_rng(seed)
     n = round(HZ * seconds)
@@ -54,8 +58,8 @@ def robot_drive(seed=0, seconds=60.0, bias=0.003, scale=1.35, gyro_hz=100, track
     for k, turn in enumerate(np.diff(claimed, prepend=0.0)):
         j = k * (HZ // track_hz)
         samples.append(OdometrySample((j + 1) * 10**6, float(turn * track_hz), float(speed[j]), float(claimed[k])))
-    samples += _increments(rng, yaw, HZ // compass_hz)
-    return RobotDrive(np.arange(n) / HZ, yaw, sorted(samples, key=lambda sample: sample.t_ns))
+    samples += _increments(rng, yaw, HZ // compass_hz, round(camera_delay * HZ))
+    return RobotDrive(np.arange(n) / HZ, yaw, sorted(samples, key=lambda sample: sample.t_ns), camera_delay)
 
 
 def _legs(rng, n):
@@ -74,12 +78,13 @@ def _gauss_markov(rng, n, time):
     return lfilter([math.sqrt(1.0 - keep**2)], [1.0, -keep], rng.normal(size=n))
 
 
-def _increments(rng, yaw, step):
+def _increments(rng, yaw, step, late):
     out, reference, sigma = [], 17, 5e-4
     lasting = _gauss_markov(rng, yaw.size, 1.0)
+    seen = np.concatenate([np.full(late, yaw[0]), yaw[: yaw.size - late]])
     for j in range(17 + step, yaw.size, step):
         error = sigma * math.sqrt(0.5) * (lasting[j] + rng.normal())
-        turn = float(wrap_angle(yaw[j] - yaw[reference] + error))
+        turn = float(wrap_angle(seen[j] - seen[reference] + error))
         out.append(YawIncrement(reference * 10**6, j * 10**6, turn, sigma**2, 0.9))
         if j - reference >= 2 * HZ:
             reference = j
