@@ -86,16 +86,18 @@ def calibrate_bag(path: Path, settings: Settings, request: TopicRequest, out: Pa
             recording = read_recording(bag, choice, settings.imu, settings.compass.columns, progress)
         with progress_bar("fusing") as progress:
             run = fuse_recording(recording, settings, progress)
-        fused = yaw_tracks(run)[FUSED]
-        evidence = gather(recording, fused)
+        fused, delay = yaw_tracks(run)[FUSED], _camera_delay(run)
+        late_ns = round(1e9 * float(delay.value or 0.0))
+        shown = YawTrack(fused.t_ns + late_ns, fused.yaw)  # what an image of a stamp shows
+        evidence = gather(recording, shown)
     if len(evidence.turned) < 6:
         turned = math.degrees(len(evidence.turned) * TURN_STEP)
         raise BagError(f"{path}: the robot turns by {turned:.0f} deg; calibration needs 120 and more, best a full turn")
     static = static_pixels([_small(frame) for frame in evidence.turned])
-    region = _region(evidence, static, fused, settings.compass)
+    region = _region(evidence, static, shown, settings.compass)
     mask = _mask(static, region, out)
     findings = [*region, mask, _forward(evidence, settings.compass)]
-    findings += [_gyro_noise(recording), _track_scale(recording, fused), _camera_delay(run)]
+    findings += [_gyro_noise(recording), _track_scale(recording, fused), delay]
     with ExitStack() as files:  # the settings appear last: they never name a mask that is not there
         files.enter_context(staged_file(out)).write_text(
             _as_yaml(findings, path, _image_noise(evidence)), encoding="utf-8"
@@ -109,18 +111,18 @@ def calibrate_bag(path: Path, settings: Settings, request: TopicRequest, out: Pa
     return "\n".join([*map(str, findings), f"settings in {out}"])
 
 
-def gather(recording: BagRecording, fused: YawTrack) -> Evidence:
-    """Look through all frames once and keep those that tell something."""
+def gather(recording: BagRecording, shown: YawTrack) -> Evidence:
+    """Look through all frames once and keep those that tell something; `shown` is the yaw by their stamps."""
     evidence, last, kept_yaw = Evidence(), None, math.inf
     for frame in recording.frames():
-        yaw = float(yaw_at(fused, np.array([frame.t_ns]))[0])
+        yaw = float(yaw_at(shown, np.array([frame.t_ns]))[0])
         if abs(yaw - kept_yaw) > TURN_STEP and len(evidence.turned) < MOST_TURNED:
             evidence.turned.append(frame)
             kept_yaw = yaw
         if last is None:
             last = frame
             continue
-        motion = _motion(recording, fused, last.t_ns, frame.t_ns)
+        motion = _motion(recording, shown, last.t_ns, frame.t_ns)
         if motion is not None and motion.still and len(evidence.still) < MOST_PAIRS:
             evidence.still.append((last, frame))
         if motion is not None and motion.steady and motion.way < STRIDE[0]:
@@ -156,18 +158,18 @@ def _motion(recording: BagRecording, fused: YawTrack, start_ns: int, end_ns: int
 # ---------------------------------------------------------------- findings
 
 
-def _region(evidence: Evidence, static: Mask, fused: YawTrack, config: CompassConfig) -> list[Finding]:
+def _region(evidence: Evidence, static: Mask, shown: YawTrack, config: CompassConfig) -> list[Finding]:
     """Above the body, and of several upper and lower edges those that measure known turns best."""
     body = body_top(static)
     limit = 1.0 if body is None else body - 0.02
     where = "no body in view" if body is None else f"the body begins at {body:.2f}"
     now = replace(config, roi_bottom=max(min(config.roi_bottom, limit), config.roi_top + 0.05))
-    errors = {(now.roi_top, now.roi_bottom): _turn_error(evidence.turned, fused, now)}
+    errors = {(now.roi_top, now.roi_bottom): _turn_error(evidence.turned, shown, now)}
     for top in (0.15, 0.25, 0.35):
         for bottom in (0.5, 0.55, 0.6, 0.65):
             if bottom <= limit and (top, bottom) not in errors:
                 errors[top, bottom] = _turn_error(
-                    evidence.turned, fused, replace(config, roi_top=top, roi_bottom=bottom)
+                    evidence.turned, shown, replace(config, roi_top=top, roi_bottom=bottom)
                 )
     best = min(errors, key=errors.__getitem__)
     first = (now.roi_top, now.roi_bottom)
@@ -188,7 +190,7 @@ def _mask(static: Mask, region: Sequence[Finding], out: Path) -> Finding:
     return Finding("compass.mask", f"{out.stem}_mask.png", told)
 
 
-def _turn_error(frames: Sequence[Frame], fused: YawTrack, config: CompassConfig) -> float:
+def _turn_error(frames: Sequence[Frame], shown: YawTrack, config: CompassConfig) -> float:
     """Typical (median) error of turns between neighbouring frames against the fused yaw, rad; else infinite."""
     errors = []
     for one, other in itertools.pairwise(frames):
@@ -196,7 +198,7 @@ def _turn_error(frames: Sequence[Frame], fused: YawTrack, config: CompassConfig)
         compass.update(one.t_ns, one.image, one.encoding)
         increment = compass.update(other.t_ns, other.image, other.encoding)
         if increment is not None:
-            yaw = yaw_at(fused, np.array([one.t_ns, other.t_ns]))
+            yaw = yaw_at(shown, np.array([one.t_ns, other.t_ns]))
             errors.append(float(wrap_angle(increment.yaw - (yaw[1] - yaw[0]))))
     if len(errors) < 0.5 * (len(frames) - 1):
         return math.inf
