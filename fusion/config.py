@@ -82,6 +82,9 @@ class FusionConfig(ParameterSet):
     compass_timing: float = parameter(
         0.005, "how far the images' stamps stray, standard deviation", unit="s", low=0.0, high=1.0
     )
+    compass_timing_factor: float = parameter(
+        2.0, "by what factor that may be wrong, standard deviation: it is learnt; 1: it is right", low=1.0, high=10.0
+    )
     camera_delay: float = parameter(
         0.0, "how much later than they were exposed images are stamped, at the start", unit="s", low=-1.0, high=1.0
     )

@@ -21,6 +21,7 @@ from fusion.exposure import Exposure, GyroTrail
 Array = npt.NDArray[np.float64]
 CLONES = 3
 CREEP_RATE = 5e-4  # rad/s, slower than standstill can be told from
+DELAY_WALK = 0.2  # 1/sqrt(s), wander of the camera's delay for what its stamps stray by
 STILL_TURN = 1e-5  # rad, what standing still leaves of a turn
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(6)  # exact to the last digit over one ramp
 
@@ -109,6 +110,7 @@ class YawEkf(ExtendedKalmanFilter):
     P: Array
     track_speed: float  # m/s, what the tracks last claimed
     track_stray: float  # rad/s, standard deviation of the passing error they have at that
+    stray: float  # s^2, variance by which images stray from their stamps
 
     def __init__(self, config: FusionConfig, *, considered: tuple[State, ...] = ()) -> None:
         self.considered = considered  # by compass updates
@@ -130,6 +132,7 @@ class YawEkf(ExtendedKalmanFilter):
         self.P = np.diag(sigma**2)
         self.P[np.ix_(YAWS, YAWS)] = config.initial_yaw_sigma**2
         self.track_speed = self.track_stray = 0.0
+        self.stray = config.compass_timing**2
         self.tape: list[Transition | Correction] | None = None  # notes every step where somebody listens
 
     def predict_for(self, dt: float, *, still: bool = False, watched: bool = False) -> None:
@@ -160,6 +163,7 @@ class YawEkf(ExtendedKalmanFilter):
             F[np.ix_(TURNING, TURNING)], Q[np.ix_(TURNING, TURNING)] = _turning(q, ramp, dt)
         Q[State.BIAS, State.BIAS] = config.bias_walk**2 * dt
         Q[State.SCALE, State.SCALE] = config.scale_walk**2 * dt
+        Q[State.CAMERA_DELAY, State.CAMERA_DELAY] = DELAY_WALK**2 * self.stray * dt
         F[State.TRACK_ERROR, State.VEER] = self.track_speed * dt
         _integrate_gauss_markov(F, Q, State.SLIP, State.TRACK_ERROR, config.slip_time, 1.0, self.track_stray, dt)
         F[State.COMPASS_ERROR, State.COMPASS_ERROR] = math.exp(-dt / config.compass_error_time)
@@ -205,7 +209,7 @@ class YawEkf(ExtendedKalmanFilter):
         return Exposure(delay, turn, rate, claimed.variance + unseen, watched=True)
 
     def clone_exposure(self, into: int, exposure: Exposure) -> None:
-        """Copy the yaw that an image of the present stamp shows: that of its exposure."""
+        """Copy the yaw that an image of the present stamp shows: that of its exposure, which strays."""
         T = np.eye(DIM)
         T[into] = T[State.YAW]
         T[into, State.CAMERA_DELAY] = -exposure.rate
@@ -218,7 +222,7 @@ class YawEkf(ExtendedKalmanFilter):
         rate_squared = float(self.x[State.RATE]) ** 2 + float(self.P[State.RATE, State.RATE])
         self._transform(T)
         self.x[into] = exposed
-        self.widen(into, self.config.compass_timing**2 * rate_squared + exposure.variance)
+        self.widen(into, self.stray * rate_squared + exposure.variance)
 
     def renew(self, index: State, variance: float, value: float = 0.0) -> None:
         """Forget state `index`: it is `value`, known with `variance`, and tells nothing of the others."""

@@ -19,6 +19,7 @@ from fusion.exposure import Exposure, GyroTrail
 from fusion.gating import Gate, Verdict, gate_limit
 from fusion.samples import GyroSample, YawEstimate
 from fusion.standstill import Stillness
+from fusion.stray import Stray
 from fusion.tracks import TrackClaim, TrackVoice
 from fusion.vote import Vote
 
@@ -78,6 +79,8 @@ class FilterState:
         On the gyro.
     trail : GyroTrail
         What the gyro said lately.
+    stray : Stray
+        How far images stray from their stamps.
     """
 
     x: Array
@@ -93,6 +96,7 @@ class FilterState:
     stillness: Stillness = field(default_factory=lambda: Stillness(0))
     vote: Vote = field(default_factory=Vote)
     trail: GyroTrail = field(default_factory=GyroTrail)
+    stray: Stray = field(default_factory=lambda: Stray(0.0))
 
     def hears(self, sensor: Sensor) -> bool:
         """Whether a sensor has measured the turning lately."""
@@ -118,7 +122,8 @@ class YawFilter:
         self._limit = gate_limit(config)
         seconds = dict.fromkeys(Sensor, config.recovery_time) | {Sensor.TRACKS: config.slip_recovery_time}
         self._recovery_ns = {sensor: round(time * 1e9) for sensor, time in seconds.items()}
-        self.start = FilterState(self._ekf.x, self._ekf.P)
+        stray = Stray.about(config.compass_timing, config.compass_timing_factor)
+        self.start = FilterState(self._ekf.x, self._ekf.P, stray=stray)
 
     def step(
         self, before: FilterState, event: FusionEvent, tape: list[Transition | Correction] | None = None
@@ -128,6 +133,7 @@ class YawFilter:
         ekf.tape = tape
         ekf.x, ekf.P = before.x, before.P
         ekf.track_speed, ekf.track_stray = before.track_speed, before.track_stray
+        ekf.stray = before.stray.variance
         if isinstance(event, TracksEvent):
             state.track_voice, sample = before.track_voice.hear(event.sample)
             event = replace(event, sample=sample)
@@ -248,7 +254,11 @@ class YawFilter:
         image = self._remember(state, event.t_ns, reference=False)
         since, until = State.CLONE + slot, State.CLONE + image
         measurement = ekf.compass(increment.yaw, increment.variance, since, until)
+        rate = float(ekf.x[State.RATE])
+        others = max(ekf.innovation_variance(measurement) - ekf.stray * rate**2, measurement.R)
         verdict = self._judge(state, Sensor.COMPASS, measurement) if known else None
+        if known and state.vote.distrusted is None:
+            state.stray = state.stray.after(measurement.innovation, others, rate)
         if not known or state.vote.distrusted is Sensor.COMPASS:
             ekf.anchor(since, measurement)
         elif verdict is Verdict.RECOVERED:
@@ -264,10 +274,11 @@ class YawFilter:
         until = self._exposure(state)
         clone = state.clones[slot] if slot is not None else None
         since = clone.exposure if clone else until
-        stray = self.config.compass_timing**2 * float(ekf.x[State.RATE]) ** 2
+        stray = ekf.stray * float(ekf.x[State.RATE]) ** 2
         stray += float(ekf.P[State.CAMERA_DELAY, State.CAMERA_DELAY]) * (until.rate - since.rate) ** 2
         # what it saw between the stamps, as the others did
-        witness = replace(increment, yaw=increment.yaw + until.turn - since.turn, variance=increment.variance + stray)
+        lag = until.turn - since.turn - since.rate * (until.delay - since.delay)
+        witness = replace(increment, yaw=increment.yaw + lag, variance=increment.variance + stray)
         scale, delay = float(ekf.x[State.SCALE]), float(ekf.x[State.CAMERA_DELAY])
         state.vote = state.vote.with_increment(witness, bias, sigma, scale, delay)
         if state.vote.windows > windows and not state.vote.agreed and state.vote.distrusted is Sensor.GYRO:

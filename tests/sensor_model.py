@@ -9,6 +9,7 @@ from scipy.linalg import expm
 
 from compass import YawIncrement, wrap_angle
 from fusion import FusionConfig, GyroSample, OdometrySample
+from fusion.ekf import DELAY_WALK
 
 GRID_HZ = 100
 SENSORS = ("gyro", "tracks", "compass")
@@ -119,7 +120,9 @@ def _tracks(rng, at, t_ns, motion, errors, config):
 def _compass(rng, at, t_ns, yaw, rate, hold, config, *, timed):
     share, out, reference = config.compass_error_share, [], at[0]
     lasting = _gauss_markov(rng, yaw.size, config.compass_error_time)
-    delay = config.camera_delay + (config.camera_delay_sigma * rng.normal() if timed else 0.0)
+    delay = config.camera_delay
+    if timed:
+        delay = delay + _walk(rng, yaw.size, config.camera_delay_sigma, DELAY_WALK * config.compass_timing)
     yaw = yaw - (delay + config.compass_timing * rng.normal(size=yaw.size)) * rate  # at the exposure, not at the stamp
     for i in at[1:]:
         variance = float(rng.uniform(0.5e-3, 2e-3)) ** 2
