@@ -144,7 +144,8 @@ def gate_figures(report: SensorReport | None) -> dict[str, str]:
 def state_figures(sensor: Sensor, state: FilterState) -> dict[str, str]:
     """What the filter has found out about a sensor."""
     if sensor is Sensor.COMPASS:
-        return {"references lost": str(state.references_lost)}
+        stray = 1e3 * math.sqrt(state.stray.variance)
+        return {"references lost": str(state.references_lost), "stamps stray by [ms]": f"{stray:.1f}"}
     if sensor is Sensor.TRACKS:
         voice = state.track_voice
         spoken = [name for name, spoke in (("pose", voice.pose), ("twist", voice.twist)) if spoke]

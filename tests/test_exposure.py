@@ -169,7 +169,7 @@ def test_delay_is_not_learnt_from_the_noise_of_a_straight_drive():
 
 @pytest.mark.parametrize("stray_s", [0.0, 0.001, 0.005, 0.015, 0.03])
 def test_stray_of_the_stamps_is_found_and_the_sigma_knows_of_it(stray_s):
-    """Taken for 5 ms whatever it is, 15 and 30 ms end up to 0.8 and 9 deg off, with sigmas that tell nothing of it."""
+    """Taken for 5 ms whatever it is, 30 ms end up to 4.7 deg off, and the error squared is 40 times its variance."""
     normalised = []
     for seed in range(3):
         samples, t, yaw = swinging(0.02, seed, stray_s=stray_s)
