@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import os
+import secrets
 import shutil
-import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -60,14 +59,14 @@ def staged_file(target: Path) -> Iterator[Path]:
 
 @contextmanager
 def _staging(target: Path) -> Iterator[Path]:
-    """A hidden folder beside `target`, gone afterwards."""
+    """A hidden folder beside `target`, gone afterwards; its name is known before it is there, should one interrupt."""
+    staging = target.parent / f".{target.name}.{secrets.token_hex(8)}.part"
     try:
-        target.parent.mkdir(parents=True, exist_ok=True)
-        staging = Path(tempfile.mkdtemp(prefix=f".{target.name}.", suffix=".part", dir=target.parent))
-        staging.chmod(0o777 & ~_umask())
-    except OSError as error:
-        raise OutputError(f"{target}: cannot be written: {error.strerror}; give another --out") from None
-    try:
+        try:
+            target.parent.mkdir(parents=True, exist_ok=True)
+            staging.mkdir()
+        except OSError as error:
+            raise OutputError(f"{target}: cannot be written: {error.strerror}; give another --out") from None
         yield staging
     except OSError as error:
         if error.filename is None or Path(error.filename).is_relative_to(staging):
@@ -77,9 +76,3 @@ def _staging(target: Path) -> Iterator[Path]:
         raise
     finally:
         shutil.rmtree(staging, ignore_errors=True)
-
-
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask
