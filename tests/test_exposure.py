@@ -107,13 +107,15 @@ def test_delay_of_the_camera_is_found_and_does_no_harm(delay_s):
         for sample in samples:
             fusion.add(sample)
             estimate = fusion.estimate()
+            sigma = math.sqrt(estimate.camera_delay_variance)
             if isinstance(sample, YawIncrement):
                 error = estimate.yaw - float(np.interp(sample.t_ns * 1e-9, t, yaw))
                 normalised.append(error**2 / estimate.yaw_variance)
-        sigma = math.sqrt(estimate.camera_delay_variance)
+                if 3 * SECOND < sample.t_ns < 3.1 * SECOND:  # a second after the robot began to move
+                    assert abs(estimate.camera_delay - delay_s) < 3.0 * sigma < 0.005
         assert abs(estimate.camera_delay - delay_s) < 4.0 * sigma < 0.004
         assert fusion.reports()[Sensor.COMPASS].rejected <= 3
-    assert np.mean(normalised) < 2.0
+    assert np.mean(normalised) < 1.0
 
 
 def test_delay_known_beforehand_is_taken_out_without_a_gyro_too():
@@ -135,19 +137,21 @@ def test_without_a_gyro_the_sigma_tells_what_is_not_known_of_the_delay():
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_delay_that_jumps_costs_less_than_two_degrees(seed):
-    """As when the camera's driver is started again: it is learnt anew, or the compass is outvoted for a while."""
+def test_delay_that_jumps_does_no_harm(seed):
+    """As when the camera's driver is started again: gyro and tracks outvote the compass."""
     before, _, _ = swinging(0.0, seed, seconds=40.0)
     after, t, yaw = swinging(0.08, seed, seconds=40.0)
     cut = 20 * SECOND
     samples = [s for s in before if s.t_ns < cut or not isinstance(s, YawIncrement)]
     samples += [s for s in after if isinstance(s, YawIncrement) and s.t_ref_ns >= cut]
-    fusion, errors = YawFusion(), []
+    fusion, normalised = YawFusion(), []
     for sample in sorted(samples, key=lambda s: s.t_ns):
         fusion.add(sample)
-        errors.append(fusion.estimate().yaw - float(np.interp(sample.t_ns * 1e-9, t, yaw)))
-    assert np.abs(errors).max() < math.radians(2.0)
-    assert fusion.estimate().camera_delay == pytest.approx(0.08, abs=0.005) or abs(errors[-1]) < math.radians(0.5)
+        estimate = fusion.estimate()
+        error = estimate.yaw - float(np.interp(sample.t_ns * 1e-9, t, yaw))
+        normalised.append(error**2 / estimate.yaw_variance)
+        assert abs(error) < math.radians(0.5)
+    assert np.mean(normalised) < 2.0
 
 
 def test_delay_is_not_learnt_from_the_noise_of_a_straight_drive():

@@ -1,0 +1,55 @@
+"""Print what late and straying stamps of the images cost, learnt and not: python tests/stamps_table.py (2 minutes)."""
+
+import math
+
+import numpy as np
+from test_exposure import swinging
+from test_fusion_faults import with_stray_stamps
+
+from compass import YawIncrement
+from fusion import FusionConfig, YawFusion
+
+
+def late():
+    """RMS yaw error, deg, of three robots that swing to and fro, and the mean of error squared over variance."""
+    known = FusionConfig(camera_delay_sigma=0.0, compass_timing_factor=1.0)
+    variants = {
+        "taken for right": known,
+        "stray learnt": FusionConfig(camera_delay_sigma=0.0),
+        "both learnt": FusionConfig(),
+    }
+    for name, config in variants.items():
+        for delay in (0.0, 0.02, 0.05, 0.1):
+            errors, normalised = [], []
+            for seed in range(3):
+                samples, t, yaw = swinging(delay, seed)
+                fusion = YawFusion(config)
+                for sample in samples:
+                    fusion.add(sample)
+                    if isinstance(sample, YawIncrement):
+                        estimate = fusion.estimate()
+                        errors.append(estimate.yaw - float(np.interp(sample.t_ns * 1e-9, t, yaw)))
+                        normalised.append(errors[-1] ** 2 / estimate.yaw_variance)
+            rms = math.degrees(np.sqrt(np.mean(np.square(errors))))
+            print(f"late by {1e3 * delay:3.0f} ms, {name}: {rms:.2f} ({np.mean(normalised):.1f})", flush=True)
+
+
+def straying():
+    """Worst end of ten drives of half a minute, deg, and the mean of error squared over variance there."""
+    for name, config in (("5 ms assumed", FusionConfig(compass_timing_factor=1.0)), ("learnt", FusionConfig())):
+        for stray in (0.001, 0.005, 0.01, 0.015, 0.03):
+            errors, normalised = [], []
+            for rate, seed in ((rate, seed) for rate in (0.4, 1.0) for seed in range(5)):
+                fusion = YawFusion(config)
+                for sample in with_stray_stamps(stray, rate, seed):
+                    fusion.add(sample)
+                estimate = fusion.estimate()
+                errors.append(estimate.yaw - rate * estimate.t_ns * 1e-9)
+                normalised.append(errors[-1] ** 2 / estimate.yaw_variance)
+            worst = math.degrees(np.abs(errors).max())
+            print(f"straying by {1e3 * stray:2.0f} ms, {name}: {worst:.2f} ({np.mean(normalised):.1f})", flush=True)
+
+
+if __name__ == "__main__":
+    late()
+    straying()
