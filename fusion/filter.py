@@ -285,6 +285,8 @@ class YawFilter:
             ekf.renew(State.BIAS, self.config.initial_bias_sigma**2, bias + state.vote.contradiction)
             ekf.widen(State.RATE, self.config.initial_rate_sigma**2)
             ekf.widen(State.YAW, state.vote.contradiction**2)
+            # nor is the yaw to be held at what it seemed to be meanwhile
+            state.stillness = replace(state.stillness, reference_ns=None)
 
     def _judge(self, state: FilterState, sensor: Sensor, measurement: Measurement) -> Verdict:
         """Pass a measurement through its gate and fuse it if accepted."""

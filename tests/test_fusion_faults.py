@@ -102,6 +102,19 @@ def test_broken_gyro_is_outvoted(drive, name, broken):
     assert fusion.reports()[Sensor.GYRO].rejected > 40
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_what_a_gyro_made_believe_until_it_was_outvoted_is_taken_back(seed):
+    """Of seed 0 the robot had just stopped; it must not be held at the yaw it seemed to have by then."""
+    jump_s, judged_s = 26.0, 0.8
+    sick = robot_drive(seed, seconds=45.0).changed(lambda s: replace(s, yaw_rate=s.yaw_rate + 0.3), GyroSample, jump_s)
+    fusion = YawFusion()
+    for sample in sick.samples:
+        fusion.add(sample)
+        estimate = fusion.estimate()
+        if sample.t_ns * 1e-9 > jump_s + judged_s:
+            assert sick.error(estimate) ** 2 < 4.0**2 * estimate.yaw_variance
+
+
 def test_large_bias_at_the_start_does_not_lock_the_compass_out(drive):
     fusion, errors = fuse(drive.changed(lambda s: replace(s, yaw_rate=s.yaw_rate + 0.1), GyroSample))
     assert np.abs(errors[50:]).max() < 1.0 * DEG
