@@ -1,6 +1,6 @@
 """The filter's uncertainty is true: over 100 drives NEES and NIS lie in their chi-square bounds.
 
-The bounds hold for all 29 averages together with 95 % (each with 1 - 0.05 / 29, Bonferroni).
+The bounds hold for all 33 averages together with 95 % (each with 1 - 0.05 / 33, Bonferroni).
 (Bar-Shalom, Li & Kirubarajan 2001, "Estimation with applications to tracking and navigation", section 5.4.)
 """
 
@@ -15,9 +15,24 @@ from compass import YawIncrement
 from fusion import FusionConfig, Sensor
 from fusion.events import event_of, reference_of
 from fusion.filter import YawFilter
+from fusion.stray import SIGMAS, Stray
 
 DRIVES = 100
 STARTS = [math.radians(d) for d in (0.0, 60.0, 180.0, -120.0)] + [math.pi - 1e-6, 1e-6 - math.pi]
+
+
+def modelled(seed, **fields):
+    """Of a filter that a drawn drive obeys, and whose gate is open: a gated innovation is a truncated one."""
+    return FusionConfig(
+        gate_probability=1.0 - 1e-12,
+        recovery_time=0.0,
+        initial_scale_sigma=0.05,  # of tracks alone, 1 / scale matters; beyond this it is far from linear
+        camera_delay_sigma=0.005,  # this robot's turn rate changes a lot in more
+        track_timing=0.0,  # the drawn stamps are right
+        initial_yaw=STARTS[seed % len(STARTS)],
+        watched_rate_walk=FusionConfig().rate_walk,  # the drawn robot moves alike whether a gyro watches or not
+        **fields,
+    )
 
 
 def run(drive, config):
@@ -38,7 +53,7 @@ def run(drive, config):
 
 
 def assert_mean_of_chi_square(mean, dimension, count):
-    tail = 0.025 / 29
+    tail = 0.025 / 33
     low, high = chi2.ppf([tail, 1.0 - tail], dimension * count) / count
     print(f"{low:.4f} < {mean:.4f} < {high:.4f}  ({count})")
     assert low < mean < high
@@ -52,18 +67,7 @@ def assert_mean_of_chi_square(mean, dimension, count):
 def test_nees_and_nis_over_drives_lie_in_their_bounds(sensors, odometry):
     nees, nis = [], {sensor: [] for sensor in Sensor}
     for seed in range(DRIVES):
-        # the gate is opened: a gated innovation is a truncated one
-        config = FusionConfig(
-            gate_probability=1.0 - 1e-12,
-            initial_scale_sigma=0.05,  # of tracks alone, 1 / scale matters; beyond this it is far from linear
-            odometry=odometry,
-            compass_timing_factor=1.0,  # with variances that are estimated themselves the NIS is no chi-square
-            camera_delay_sigma=0.005,  # this robot's turn rate changes a lot in more
-            track_timing=0.0,  # the drawn stamps are right
-            initial_yaw=STARTS[seed % len(STARTS)],
-            recovery_time=0.0,
-            watched_rate_walk=FusionConfig().rate_walk,  # the drawn robot moves alike whether a gyro watches or not
-        )
+        config = modelled(seed, odometry=odometry, compass_timing_factor=1.0)  # estimated, the NIS is no chi-square
         drive = drawn_drive(seed, sensors, 6.0, config, gyro_hz=25, track_hz=10, compass_hz=5)
         value, innovations = run(drive, config)
         nees.append(value)
@@ -73,3 +77,17 @@ def test_nees_and_nis_over_drives_lie_in_their_bounds(sensors, odometry):
     for values in nis.values():
         if values:
             assert_mean_of_chi_square(np.mean(values), 1, len(values))
+
+
+@pytest.mark.parametrize("sensors", [s for s in SUBSETS if "compass" in s], ids="+".join)
+def test_nees_lies_in_its_bounds_while_it_is_learnt_how_far_stamps_stray(sensors):
+    """They stray by another amount in each drive, drawn from what is expected beforehand."""
+    default = FusionConfig()
+    prior = np.exp(Stray.about(default.compass_timing, default.compass_timing_factor).prior)
+    nees = []
+    for seed in range(DRIVES):
+        stray = float(np.random.default_rng(DRIVES + seed).choice(SIGMAS, p=prior / prior.sum()))
+        drawn = modelled(seed, compass_timing=stray)
+        drive = drawn_drive(seed, sensors, 6.0, drawn, gyro_hz=25, track_hz=10, compass_hz=5)
+        nees.append(run(drive, modelled(seed))[0])
+    assert_mean_of_chi_square(np.mean(nees), 4, DRIVES)
