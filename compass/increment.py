@@ -33,6 +33,10 @@ class YawIncrement:
         Variance of `yaw`, rad^2, positive.
     confidence : float
         Normalised peak correlation, 0..1.
+    turn, tilt : float or None, (float, float)
+        What was seen: the scene rotated by `tilt` (rad) about the camera's x and y axes, then the camera turned by
+        `turn` about its own z axis. `yaw` follows for a camera that leant, at the reference, as it has itself found
+        since the start; who knows better how it leant can do better. None: `yaw` is all that is known.
     """
 
     t_ref_ns: int
@@ -40,3 +44,5 @@ class YawIncrement:
     yaw: float
     variance: float
     confidence: float
+    turn: float | None = None
+    tilt: tuple[float, float] = (0.0, 0.0)

@@ -200,13 +200,14 @@ class VisualCompass:
     def _accept(self, strip: Strip, match: Match) -> YawIncrement:
         keyframe = self._keyframe or strip
         per_px = math.tau / keyframe.columns
-        leans, turn = self._keyframe_leans.after(match.shift_px * per_px, match.tilt)
-        variance = match.variance_px2 * per_px**2
-        self.yaw += wrap_angle(self._keyframe_yaw + turn - self.yaw)
+        turn, variance = match.shift_px * per_px, match.variance_px2 * per_px**2
+        leans, yaw = self._keyframe_leans.after(turn, match.tilt)
+        self.yaw += wrap_angle(self._keyframe_yaw + yaw - self.yaw)
         self.yaw_variance = self._keyframe_variance + variance
         self._last = strip
         self._leans = leans.later((strip.t_ns - keyframe.t_ns) * 1e-9)
         self._unmatched_since_ns = None
         if match.spread_px > self.config.keyframe_spread:
             self._move_keyframe()
-        return YawIncrement(keyframe.t_ns, strip.t_ns, turn, variance, min(max(match.confidence, 0.0), 1.0))
+        confidence = min(max(match.confidence, 0.0), 1.0)
+        return YawIncrement(keyframe.t_ns, strip.t_ns, yaw, variance, confidence, turn, match.tilt)

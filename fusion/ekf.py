@@ -17,6 +17,7 @@ from filterpy.kalman import ExtendedKalmanFilter
 from compass import wrap_angle
 from fusion.config import FusionConfig
 from fusion.exposure import Exposure, GyroTrail
+from fusion.lean import BiasGain
 
 Array = npt.NDArray[np.float64]
 CLONES = 3
@@ -31,7 +32,7 @@ class State(IntEnum):
 
     YAW = 0  # accumulated, rad
     RATE = 1  # turn rate, rad/s
-    BIAS = 2  # what the gyro adds to the rate, rad/s
+    BIAS = 2  # what the gyro adds to the rate, rad/s, as the robot leans now
     SCALE = 3  # turn rate claimed by the tracks over the true one
     ACCELERATION = 4  # of the turning, rad/s^2
     GYRO_SCALE = 5  # excess of the gyro's scale factor over one
@@ -42,7 +43,8 @@ class State(IntEnum):
     STILL_REF = 10  # yaw when the last sign of motion had died away, rad
     COMPASS_ERROR = 11  # lasting error of the compass, in units of its standard deviation
     CAMERA_DELAY = 12  # from the exposure of an image to its stamp, s
-    CLONE = 13  # first of CLONES yaws at the exposure of images, rad
+    CROSS_BIAS = 13  # what the gyro adds about the robot's y axis, rad/s; a robot that leans turns it into BIAS
+    CLONE = 14  # first of CLONES yaws at the exposure of images, rad
 
 
 DIM = State.CLONE + CLONES
@@ -123,7 +125,7 @@ class YawEkf(ExtendedKalmanFilter):
         sigma = np.zeros(DIM)
         sigma[State.RATE] = config.initial_rate_sigma
         sigma[State.ACCELERATION] = config.rate_walk / math.sqrt(2.0 * config.rate_ramp)
-        sigma[State.BIAS] = config.initial_bias_sigma
+        sigma[State.BIAS] = sigma[State.CROSS_BIAS] = config.initial_bias_sigma
         sigma[State.SCALE] = config.initial_scale_sigma
         sigma[State.GYRO_SCALE] = config.gyro_scale_sigma
         sigma[State.VEER] = config.veer_sigma
@@ -161,7 +163,7 @@ class YawEkf(ExtendedKalmanFilter):
                 _integrate_gauss_markov(F, Q, State.RATE, State.YAW, 2.0 * prior / q, prior**0.5, 1.0, dt)
         else:
             F[np.ix_(TURNING, TURNING)], Q[np.ix_(TURNING, TURNING)] = _turning(q, ramp, dt)
-        Q[State.BIAS, State.BIAS] = config.bias_walk**2 * dt
+        Q[State.BIAS, State.BIAS] = Q[State.CROSS_BIAS, State.CROSS_BIAS] = config.bias_walk**2 * dt
         Q[State.SCALE, State.SCALE] = config.scale_walk**2 * dt
         Q[State.CAMERA_DELAY, State.CAMERA_DELAY] = DELAY_WALK**2 * self.stray * dt
         F[State.TRACK_ERROR, State.VEER] = self.track_speed * dt
@@ -186,6 +188,13 @@ class YawEkf(ExtendedKalmanFilter):
         self.P = T @ self.P @ T.T
         if self.tape is not None:
             self.tape.append(Transition(T))
+
+    def lean(self, before: BiasGain, now: BiasGain) -> None:
+        """Turn the bias with the robot, which leant as `before` and leans as `now`."""
+        T = np.eye(DIM)
+        T[State.BIAS, State.BIAS] = now.own / before.own
+        T[State.BIAS, State.CROSS_BIAS] = now.cross - before.cross * now.own / before.own
+        self._transform(T)
 
     def clone_yaw(self, into: int) -> None:
         """Copy the present yaw, with all its correlations, into state `into`."""

@@ -113,12 +113,12 @@ def fault_of(sample: Sample) -> str | None:
         return "negative stamp"
     motion: tuple[float, ...] = ()
     if isinstance(sample, YawIncrement):
-        numbers: tuple[float | None, ...] = (sample.yaw, sample.variance)
+        numbers: tuple[float | None, ...] = (sample.yaw, sample.variance, sample.turn, *sample.tilt)
         variance: float | None = sample.variance
         if not 0 <= sample.t_ref_ns < sample.t_ns:
             return "reference not before the image"
     elif isinstance(sample, GyroSample):
-        numbers, variance = (sample.yaw_rate, sample.variance), sample.variance
+        numbers, variance = (sample.yaw_rate, sample.variance, *(sample.up or ())), sample.variance
         motion = (sample.yaw_rate,)
     else:
         numbers, variance = (sample.yaw_rate, sample.speed, sample.yaw), None

@@ -6,7 +6,11 @@ import math
 from bisect import bisect_left, bisect_right
 from dataclasses import dataclass
 
+from fusion.lean import Vector
+from fusion.samples import GyroSample
+
 LONGEST_NS = 1_000_000_000  # of what the gyro said that is remembered
+LEANS_NS = 100_000_000  # for so long about a sample the robot leans as it did then
 SHORTEST_STEP = 0.02  # s; over less the gyro's noise says more of its rate than the rate
 CAUTION = 100.0  # the gyro's noise, as a turn rate that changes, must not tell the delay however long it lasts
 
@@ -38,7 +42,7 @@ class Exposure:
 
 @dataclass(frozen=True, slots=True)
 class GyroTrail:
-    """The rates (rad/s) that a gyro claimed lately, and their integral (rad) since the first of all.
+    """The rates (rad/s) that a gyro claimed lately, their integral (rad) since the first of all, and the vertical then.
 
     Between two samples the rate changes linearly, after the last it stays.
     """
@@ -46,14 +50,26 @@ class GyroTrail:
     t_ns: tuple[int, ...] = ()
     rates: tuple[float, ...] = ()
     turns: tuple[float, ...] = ()
+    ups: tuple[Vector | None, ...] = ()
 
-    def add(self, t_ns: int, rate: float) -> GyroTrail:
+    def add(self, sample: GyroSample) -> GyroTrail:
         """With one more sample, not older than the last."""
+        t_ns, rate, up = sample.t_ns, sample.yaw_rate, sample.up
         if not self.t_ns:
-            return GyroTrail((t_ns,), (rate,), (0.0,))
+            return GyroTrail((t_ns,), (rate,), (0.0,), (up,))
         first = bisect_left(self.t_ns, t_ns - LONGEST_NS)
         turn = self.turns[-1] + 0.5 * (self.rates[-1] + rate) * (t_ns - self.t_ns[-1]) * 1e-9
-        return GyroTrail((*self.t_ns[first:], t_ns), (*self.rates[first:], rate), (*self.turns[first:], turn))
+        return GyroTrail(
+            (*self.t_ns[first:], t_ns),
+            (*self.rates[first:], rate),
+            (*self.turns[first:], turn),
+            (*self.ups[first:], up),
+        )
+
+    def up_at(self, t_ns: int) -> Vector | None:
+        """The vertical in the robot's frame at a time, as the next sample tells it; None where none was near."""
+        i = min(bisect_left(self.t_ns, t_ns), len(self.t_ns) - 1)
+        return self.ups[i] if i >= 0 and abs(self.t_ns[i] - t_ns) <= LEANS_NS else None
 
     def turn_at(self, t_ns: int) -> float:
         """The integral at a time; the first rate is held before the first sample, the last after the last."""

@@ -11,12 +11,13 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from compass import YawIncrement
+from compass import YawIncrement, wrap_angle
 from fusion.config import FusionConfig
 from fusion.ekf import CLONES, Array, Correction, Measurement, State, Transition, YawEkf
 from fusion.events import CompassEvent, FusionEvent, GyroEvent, HeadingEvent, Sensor, TracksEvent
 from fusion.exposure import Exposure, GyroTrail
 from fusion.gating import Gate, Verdict, gate_limit
+from fusion.lean import BiasGain, Vector, heading_change, heading_variance
 from fusion.samples import GyroSample, YawEstimate
 from fusion.standstill import Stillness
 from fusion.stray import Stray
@@ -43,12 +44,15 @@ class Clone:
         Whether an increment refers to it, or only might.
     exposure : Exposure
         Of the image.
+    up : tuple of float or None
+        The vertical in the robot's frame then.
     """
 
     t_ns: int
     used_ns: int
     reference: bool
     exposure: Exposure
+    up: Vector | None
 
 
 @dataclass(slots=True)
@@ -79,6 +83,8 @@ class FilterState:
         On the gyro.
     trail : GyroTrail
         What the gyro said lately.
+    bias_gain : BiasGain
+        How the robot leans, as far as it matters to the gyro's bias.
     stray : Stray
         How far images stray from their stamps.
     """
@@ -96,6 +102,7 @@ class FilterState:
     stillness: Stillness = field(default_factory=lambda: Stillness(0))
     vote: Vote = field(default_factory=Vote)
     trail: GyroTrail = field(default_factory=GyroTrail)
+    bias_gain: BiasGain = field(default_factory=BiasGain)
     stray: Stray = field(default_factory=lambda: Stray(0.0))
 
     def hears(self, sensor: Sensor) -> bool:
@@ -135,7 +142,7 @@ class YawFilter:
         ekf.track_speed, ekf.track_stray = before.track_speed, before.track_stray
         ekf.stray = before.stray.variance
         if isinstance(event, TracksEvent):
-            state.track_voice, sample = before.track_voice.hear(event.sample)
+            state.track_voice, sample = before.track_voice.hear(event.sample, before.trail.up_at(event.t_ns))
             event = replace(event, sample=sample)
         if before.t_ns is None:
             state.stillness = Stillness(event.t_ns, reference_ns=event.t_ns)
@@ -191,11 +198,15 @@ class YawFilter:
     def _fuse_gyro(self, state: FilterState, event: GyroEvent) -> None:
         """Take in a gyro sample, or find that the robot or the bias has made a jump."""
         sample, refused = event.sample, state.gates[Sensor.GYRO]
+        gain = BiasGain.leaning(sample.up) if sample.up else state.bias_gain
+        if gain.differs(state.bias_gain):
+            self._ekf.lean(state.bias_gain, gain)
+            state.bias_gain = gain
         state.vote = state.vote.with_gyro(sample)
         measurement = self._ekf.gyro(sample.yaw_rate, self._gyro_sigma(state, sample) ** 2)
         verdict = self._judge(state, Sensor.GYRO, measurement)
         if verdict is not Verdict.REJECTED:
-            state.trail = state.trail.add(sample.t_ns, sample.yaw_rate)
+            state.trail = state.trail.add(sample)
         if verdict is Verdict.RECOVERED:
             # the bias has jumped: open it until the gate is met
             excess = measurement.innovation**2 / self._limit - self._ekf.innovation_variance(measurement)
@@ -242,14 +253,14 @@ class YawFilter:
 
     def _fuse_increment(self, state: FilterState, event: CompassEvent) -> None:
         """Take in the turn since a remembered yaw, or place that yaw where the increment says."""
-        increment, ekf = event.sample, self._ekf
-        slot = self._slot_of(state, increment.t_ref_ns)
+        ekf, slot = self._ekf, self._slot_of(state, event.sample.t_ref_ns)
         known = slot is not None
-        self._take_vote(state, increment, slot)
         if slot is None:
             # the reference was never seen: place it where this increment says, so that those to come can use it
             state.references_lost += 1
-            slot = self._remember(state, increment.t_ref_ns, reference=True)
+            slot = self._remember(state, event.sample.t_ref_ns, reference=True)
+        increment = self._levelled(event.sample, state.clones[slot])
+        self._take_vote(state, increment, slot if known else None)
         self._use(state, slot, event.t_ns)
         image = self._remember(state, event.t_ns, reference=False)
         since, until = State.CLONE + slot, State.CLONE + image
@@ -266,6 +277,14 @@ class YawFilter:
             ekf.anchor(since, measurement)
             ekf.widen(State.BIAS, self.config.initial_bias_sigma**2)
             ekf.widen(State.CAMERA_DELAY, self.config.camera_delay_sigma**2)
+
+    def _levelled(self, increment: YawIncrement, clone: Clone | None) -> YawIncrement:
+        """What an increment says of the heading, where it is known how the robot leant at its reference."""
+        if clone is None or clone.up is None or increment.turn is None:
+            return increment
+        yaw = float(wrap_angle(heading_change(clone.up, increment.turn, increment.tilt)))
+        variance = increment.variance + heading_variance(clone.up, increment.turn, self.config.lean_sigma)
+        return replace(increment, yaw=yaw, variance=variance)
 
     def _take_vote(self, state: FilterState, increment: YawIncrement, slot: int | None) -> None:
         """Count the votes; where the gyro lost, take back what was believed of it and let its bias move."""
@@ -311,7 +330,9 @@ class YawFilter:
                 slot = min(range(CLONES), key=lambda i: c.used_ns if (c := clones[i]) else 0)
             exposure = self._exposure(state)
             self._ekf.clone_exposure(State.CLONE + slot, exposure)
-            state.clones = (*clones[:slot], Clone(t_ns, t_ns, reference, exposure), *clones[slot + 1 :])
+            up = state.trail.up_at(t_ns - round(exposure.delay * 1e9))
+            clone = Clone(t_ns, t_ns, reference, exposure, up)
+            state.clones = (*clones[:slot], clone, *clones[slot + 1 :])
         elif reference:
             self._use(state, slot, t_ns)
         return slot

@@ -8,8 +8,9 @@ from typing import Any
 
 from compass.errors import VisualCompassError
 from compass.image import Image, image_from_compressed, image_from_raw
+from fusion.lean import Vector
 from fusion.samples import GyroSample, OdometrySample
-from fusion.vertical import ImuLevel, Vector
+from fusion.vertical import ImuLevel
 
 
 class MessageError(VisualCompassError, ValueError):

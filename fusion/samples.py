@@ -17,11 +17,14 @@ class GyroSample:
         rad/s about the vertical, positive to the left (roll, pitch and the mount already taken out).
     variance : float or None
         Variance of the white noise of `yaw_rate`, (rad/s)^2; None takes it from the config.
+    up : tuple of float or None
+        How the robot leans: the vertical in its own frame (x forward, y left, z up), a unit vector; None where unknown.
     """
 
     t_ns: int
     yaw_rate: float
     variance: float | None = None
+    up: tuple[float, float, float] | None = None
 
 
 @dataclass(frozen=True, slots=True)

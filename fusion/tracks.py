@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from compass import wrap_angle
+from fusion.lean import Vector, heading_gain
 from fusion.samples import OdometrySample
 
 LONGEST_GAP_NS = 500_000_000  # between odometry samples whose rates are integrated
@@ -20,25 +21,33 @@ class TrackVoice:
         The newest, as it came.
     pose, twist : bool
         Whether the pose's yaw has ever changed; whether the twist has ever been other than zero.
+    gain, lead : float
+        Rate of the heading over the robot's own at the last sample, for its lean; by how much the heading has gone
+        ahead of the poses for that reason, rad.
     """
 
     last: OdometrySample | None = None
     pose: bool = False
     twist: bool = False
+    gain: float = 1.0
+    lead: float = 0.0
 
-    def hear(self, sample: OdometrySample) -> tuple[TrackVoice, OdometrySample]:
-        """After a sample; and the sample without a pose that never speaks, its rate from the poses if only they do."""
+    def hear(self, sample: OdometrySample, up: Vector | None) -> tuple[TrackVoice, OdometrySample]:
+        """After a sample, of a robot that leans so that `up` is vertical; and what the sample says of its heading.
+
+        A pose that never speaks is left out; where only poses speak the rate is taken from them.
+        """
         last, turn = self.last, 0.0
         if last is not None and last.yaw is not None and sample.yaw is not None:
             turn = float(wrap_angle(sample.yaw - last.yaw))
-        voice = TrackVoice(
-            sample, self.pose or turn != 0.0, self.twist or sample.yaw_rate != 0.0 or sample.speed != 0.0
-        )
-        if not voice.pose:
-            sample = replace(sample, yaw=None)
-        elif not voice.twist and last is not None and sample.t_ns > last.t_ns:
-            sample = replace(sample, yaw_rate=turn / ((sample.t_ns - last.t_ns) * 1e-9))
-        return voice, sample
+        pose, twist = self.pose or turn != 0.0, self.twist or sample.yaw_rate != 0.0 or sample.speed != 0.0
+        gain = heading_gain(up) if up else 1.0
+        voice = TrackVoice(sample, pose, twist, gain, self.lead + turn * (0.5 * (self.gain + gain) - 1.0))
+        rate = sample.yaw_rate
+        if pose and not twist and last is not None and sample.t_ns > last.t_ns:
+            rate = turn / ((sample.t_ns - last.t_ns) * 1e-9)
+        yaw = sample.yaw + voice.lead if pose and sample.yaw is not None else None
+        return voice, replace(sample, yaw=yaw, yaw_rate=rate * gain)
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,9 +8,8 @@ from dataclasses import dataclass
 
 from compass.parameters import ParameterSet, parameter
 from fusion.events import FASTEST
+from fusion.lean import Vector
 from fusion.samples import GyroSample
-
-Vector = tuple[float, float, float]
 
 _AXES: dict[str, Vector] = {
     "+x": (1.0, 0.0, 0.0),
@@ -24,6 +23,12 @@ _AGREEMENT = math.cos(
     math.radians(20.0)
 )  # an orientation further off gravity than a filter's transients is in another frame
 _LONGEST_STEP_NS = 500_000_000  # over a longer silence the turn is unknown: gravity alone decides
+_TELLING = 0.5  # rad of turning that tell the robot's own axis
+# how near to the vertical (cosine) an axis of the IMU begins that is taken for the robot's own, and the turning (rad)
+# that this counts for: much on level ground; little if it is a slope, or an IMU pitched on purpose
+_ALIGNED = ((math.cos(math.radians(10.0)), _TELLING), (math.cos(math.radians(35.0)), 0.1))
+_TURNING = 0.3  # rad/s; slower, and the gyro's bias counts
+_MOSTLY = 0.7  # of the rate is about the vertical when a robot turns; else it tips over an edge
 
 
 @dataclass(frozen=True)
@@ -52,6 +57,10 @@ class ImuLevel:
     turns at ``(u.w - (u.f)(f.w)) / (1 - (u.f)^2)``. For an IMU aligned with the robot that is the textbook's
     ``(wy sin(roll) + wz cos(roll)) / cos(pitch)`` (Titterton & Weston 2004, Strapdown Inertial Navigation
     Technology, eq. 3.52). It is causal: the same samples give the same rates, live or from a bag.
+
+    A robot that leans is told from an IMU that is mounted askew by the axis about which the robot turns. At first that
+    is taken to be the axis of the IMU next to the vertical, firmly within 10 deg of it, loosely within 35 deg; where
+    there is none, nothing is said of the lean until the robot has turned by 0.5 rad.
     """
 
     def __init__(self, config: ImuConfig | None = None) -> None:
@@ -64,6 +73,9 @@ class ImuLevel:
         self._forward = _AXES.get(self.config.forward)
         self._age = 0.0
         self._t_ns: int | None = None
+        self._axis: Vector | None = None  # of the IMU, next to the vertical at the start
+        self._turned: Vector = (0.0, 0.0, 0.0)  # all turning, to the right taken for to the left, rad
+        self._needed = math.inf  # of it, before it tells the robot's own axis
         self.up: Vector | None = _AXES.get(self.config.up)
         self.source = self.config.up if self.up else "none"
 
@@ -94,14 +106,15 @@ class ImuLevel:
         """
         rate = _vector(angular_velocity)
         if all(abs(r) <= FASTEST for r in rate):  # false for NaN, too; nonsense would tilt the vertical for long
-            self._follow_gravity(t_ns, rate, _unit(linear_acceleration))
+            step_ns = 0 if self._t_ns is None else t_ns - self._t_ns
+            self._t_ns = t_ns
+            self._follow_gravity(step_ns, rate, _unit(linear_acceleration))
             self._choose_up(orientation)
-        return GyroSample(t_ns, self._yaw_rate(rate))
+            self._learn_axis(step_ns, rate)
+        return GyroSample(t_ns, self._yaw_rate(rate), up=self._robot_up())
 
-    def _follow_gravity(self, t_ns: int, rate: Vector, force: Vector | None) -> None:
+    def _follow_gravity(self, step_ns: int, rate: Vector, force: Vector | None) -> None:
         """Turn the last vertical with the gyro, then draw it towards the accelerometer."""
-        step_ns = 0 if self._t_ns is None else t_ns - self._t_ns
-        self._t_ns = t_ns
         if self._gravity is None or not 0 <= step_ns <= _LONGEST_STEP_NS:
             self._gravity, self._age = force or self._gravity, 0.0
             return
@@ -125,6 +138,35 @@ class ImuLevel:
         found = level or (None if self.config.up == "orientation" else self._gravity)
         if found:
             self.up, self.source = found, "orientation" if level else "gravity"
+
+    def _learn_axis(self, step_ns: int, rate: Vector) -> None:
+        """Note about which axis the robot turns."""
+        if self.up is None or self.config.up in _AXES:
+            return
+        if self._axis is None:
+            self._axis = x, y, z = max(_AXES.values(), key=lambda axis: _dot(axis, self.up or axis))
+            counts = next((counts for near, counts in _ALIGNED if _dot(self._axis, self.up) >= near), 0.0)
+            self._turned = counts * x, counts * y, counts * z
+            self._needed = counts or _TELLING
+        turning = _dot(self.up, rate)
+        if abs(turning) < max(_TURNING, _MOSTLY * math.sqrt(_dot(rate, rate))) or not 0 < step_ns <= _LONGEST_STEP_NS:
+            return
+        turn = math.copysign(step_ns * 1e-9, turning)
+        (x, y, z), (wx, wy, wz) = self._turned, rate
+        self._turned = x + turn * wx, y + turn * wy, z + turn * wz
+
+    def _robot_up(self) -> Vector | None:
+        """The vertical in the robot's frame, see `GyroSample`; None while it is not known how the IMU is mounted."""
+        along, up, length = self._forward, self.up, math.sqrt(_dot(self._turned, self._turned))
+        if up is None or along is None or length < self._needed:
+            return None
+        zx, zy, zz = self._turned[0] / length, self._turned[1] / length, self._turned[2] / length
+        tilt = _dot(along, (zx, zy, zz))
+        x = _unit((along[0] - tilt * zx, along[1] - tilt * zy, along[2] - tilt * zz))
+        if x is None:
+            return None
+        y = zy * x[2] - zz * x[1], zz * x[0] - zx * x[2], zx * x[1] - zy * x[0]
+        return _dot(up, x), _dot(up, y), _dot(up, (zx, zy, zz))
 
     def _yaw_rate(self, rate: Vector) -> float:
         """Rate of heading of the forward axis, rad/s."""

@@ -14,6 +14,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from fusion.lean import heading_gain
 from fusion.offline.bag import Bag
 from fusion.offline.bag_writer import BagWriter
 from fusion.vertical import ImuConfig, ImuLevel
@@ -35,9 +36,11 @@ def write_photo_bag(
     readings, wheels = husky_readings(start, end)
     level = ImuLevel(ImuConfig())
     times = np.array([reading[0] for reading in readings])
-    rates = np.array([level.sample(*reading).yaw_rate for reading in readings]) - STANDSTILL_BIAS
+    gyro = [level.sample(*reading) for reading in readings]
+    rates = np.array([sample.yaw_rate for sample in gyro]) - STANDSTILL_BIAS
     seconds = (times - times[0]) * 1e-9
-    yaw = np.concatenate([[0.0], np.cumsum(np.diff(seconds) * 0.5 * (rates[1:] + rates[:-1]))])
+    yaw = integral(rates, seconds)
+    turn = integral(rates / [heading_gain(sample.up) for sample in gyro], seconds)  # the camera leans with the robot
     shots = np.arange(0.0, seconds[-1], 1.0 / hertz)
     with BagWriter(path) as bag:
         for reading in readings:
@@ -47,12 +50,17 @@ def write_photo_bag(
         for t_ns, true_yaw, true_rate in zip(times.tolist(), yaw.tolist(), rates.tolist(), strict=True):
             bag.write_odometry("/ground_truth/odom", t_ns, true_yaw, true_rate)
         for second in shots:
-            turned = float(np.interp(second, seconds, yaw))
+            turned = float(np.interp(second, seconds, turn))
             gain = 1.0 + 0.2 * np.sin(2.0 * np.pi * second / 17.0)
             image = gain * shifted(spectrum, turned, scene.shape[1]) + rng.normal(0.0, NOISE, scene.shape)
             pixels = np.clip(np.rint(image), 0, 255).astype(np.uint8)
             jpeg = cv2.imencode(".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, 90])[1]
             bag.write_jpeg("/viz/pano/image/compressed", int(times[0]) + round(second * 1e9), jpeg.tobytes())
+
+
+def integral(rates: np.ndarray, seconds: np.ndarray) -> np.ndarray:
+    """What a rate comes to from the start on, by the trapezoidal rule."""
+    return np.concatenate([[0.0], np.cumsum(np.diff(seconds) * 0.5 * (rates[1:] + rates[:-1]))])
 
 
 def shifted(spectrum: np.ndarray, yaw: float, width: int) -> np.ndarray:

@@ -1,6 +1,7 @@
 """The filter's algebra: Jacobians, clones, frames."""
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from sensor_model import turning_noise
 from compass import wrap_angle
 from fusion import FusionConfig
 from fusion.ekf import CLONES, DIM, TURNING, YAWS, State, YawEkf
+from fusion.lean import BiasGain
 
 
 @pytest.fixture
@@ -49,6 +51,17 @@ def test_jacobians_equal_finite_differences(ekf):
             slope = (expected(ekf.x + e) - expected(ekf.x - e)) / (2.0 * step)
             assert abs(measurement.H[0, i] - slope) < 1e-9
         assert abs(math.remainder(measurement.innovation + expected(ekf.x), math.tau)) < 1e-12
+
+
+def test_bias_turns_with_the_robot_and_back_again(ekf):
+    gains = BiasGain(), BiasGain(0.95, 0.3), BiasGain(1.02, -0.2), BiasGain()
+    x, P = ekf.x.copy(), ekf.P.copy()
+    own, cross = x[State.BIAS], x[State.CROSS_BIAS]
+    for before, now in pairwise(gains):
+        ekf.lean(before, now)
+        assert ekf.x[State.BIAS] == pytest.approx(now.own * own + now.cross * cross)
+    np.testing.assert_allclose(ekf.x, x, atol=1e-12)
+    np.testing.assert_allclose(ekf.P, P, atol=1e-12)
 
 
 @pytest.mark.parametrize("sigma", [1.0, 0.1], ids=["walking", "relaxing"])

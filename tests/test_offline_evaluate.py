@@ -11,6 +11,7 @@ from tiny_bags import START_NS, TinyDrive
 
 from compass import YawIncrement
 from compass.config import METHODS
+from fusion import GyroSample
 from fusion.offline import evaluate, gps, scores
 from fusion.offline.cli import main
 from fusion.offline.recording import GyroTrack, OdometryTrack, TruthTrack
@@ -57,9 +58,9 @@ def test_truth_between_its_samples_is_linear_at_nanosecond_stamps():
 
 
 def test_gyro_alone_is_the_trapezoid_and_skips_what_is_not_finite():
-    t_ns = START_NS + SECOND * np.arange(4)
-    assert scores.gyro_alone(GyroTrack(t_ns, np.array([0.0, 1.0, 1.0, 0.0]))).yaw[-1] == pytest.approx(2.0)
-    assert scores.gyro_alone(GyroTrack(t_ns, np.array([1.0, 1.0, math.nan, 1.0]))).yaw[-1] == pytest.approx(2.0)
+    for rates in ([0.0, 1.0, 1.0, 0.0], [1.0, 1.0, math.nan, 1.0]):
+        gyro = GyroTrack.of(GyroSample(START_NS + i * SECOND, rate) for i, rate in enumerate(rates))
+        assert scores.gyro_alone(gyro).yaw[-1] == pytest.approx(2.0)
 
 
 def test_tracks_alone_is_the_pose_unwrapped_or_else_the_rate():

@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from compass.errors import ImageError
 from compass.image import Image
-from fusion.messages import ImuReading, MessageError, image_of, imu_reading, odometry_sample
+from fusion.messages import MessageError, image_of, imu_reading, odometry_sample
 from fusion.offline.bag import Bag, BagError, Message, Topic
 from fusion.offline.decode import decode_ahead
 from fusion.offline.topics import TopicChoice
@@ -34,15 +34,29 @@ Progress = Callable[[float], None]  # takes the finished part, 0..1
 
 @dataclass(frozen=True, slots=True)
 class GyroTrack:
-    """All gyro samples: `t_ns` (N,) sorted, `yaw_rate` (N,) rad/s about the vertical."""
+    """All gyro samples: `t_ns` (N,) sorted, `yaw_rate` (N,) rad/s about the vertical, `up` (N, 3) (NaN where unknown).
+
+    See `GyroSample`.
+    """
 
     t_ns: Times
     yaw_rate: Floats
+    up: Floats
+
+    @staticmethod
+    def of(samples: Iterable[GyroSample]) -> GyroTrack:
+        """From samples in the order of their stamps."""
+        t_ns, values = array("q"), array("d")
+        for sample in samples:
+            t_ns.append(sample.t_ns)
+            values.extend((sample.yaw_rate, *(sample.up or (np.nan,) * 3)))
+        rows = np.frombuffer(values, np.float64).reshape(-1, 4)
+        return GyroTrack(np.frombuffer(t_ns, np.int64), rows[:, 0], rows[:, 1:])
 
     def samples(self) -> Iterator[GyroSample]:
         """One by one, for the filter."""
-        for t_ns, rate in zip(self.t_ns, self.yaw_rate, strict=True):
-            yield GyroSample(int(t_ns), float(rate))
+        for t_ns, rate, up in zip(self.t_ns.tolist(), self.yaw_rate.tolist(), self.up.tolist(), strict=True):
+            yield GyroSample(t_ns, rate, up=None if np.isnan(up[0]) else tuple(up))
 
 
 @dataclass(frozen=True, slots=True)
@@ -190,7 +204,7 @@ def read_recording(
             progress(count / total)
     progress(1.0)
     level = ImuLevel(imu)
-    gyro = _gyro_track(_sorted(bag, columns_of, choice.gyro, 10), level)
+    gyro = GyroTrack.of(_levelled(_sorted(bag, columns_of, choice.gyro, 10), level))
     tracks = _sorted(bag, columns_of, choice.odometry, 3)
     truth = _sorted(bag, columns_of, choice.truth, 3)
     return BagRecording(
@@ -268,14 +282,7 @@ def _sorted(bag: Bag, columns: dict[str, _Columns], topic: Topic | None, width: 
     return t_ns[order], np.frombuffer(read.values, np.float64).reshape(-1, width)[order]
 
 
-def _gyro_track(columns: tuple[Times, Floats], level: ImuLevel) -> GyroTrack:
-    """Level every reading in the order of time, as the live node does."""
-    t_ns, rows = columns
-    rates = array("d")
-    for t, row in zip(t_ns.tolist(), rows, strict=True):
-        values = row.tolist()
-        reading = ImuReading(t, tuple(values[:3]), tuple(values[3:6]), tuple(values[6:]))
-        rates.append(
-            level.sample(t, reading.angular_velocity, reading.linear_acceleration, reading.orientation).yaw_rate
-        )
-    return GyroTrack(t_ns, np.frombuffer(rates, np.float64))
+def _levelled(columns: tuple[Times, Floats], level: ImuLevel) -> Iterator[GyroSample]:
+    """Every reading in the order of time, as the live node does it."""
+    for t_ns, row in zip(columns[0].tolist(), columns[1].tolist(), strict=True):
+        yield level.sample(t_ns, row[:3], row[3:6], row[6:])

@@ -24,9 +24,8 @@ class SimulatedRecording:
     def __init__(self, drive: Drive, imu: ImuConfig) -> None:
         self.drive = drive
         level = ImuLevel(imu)
-        samples = [level.sample(r.t_ns, r.angular_velocity, r.linear_acceleration, r.orientation) for r in drive.imu]
-        self.gyro = GyroTrack(
-            np.array([sample.t_ns for sample in samples], np.int64), np.array([sample.yaw_rate for sample in samples])
+        self.gyro = GyroTrack.of(
+            level.sample(r.t_ns, r.angular_velocity, r.linear_acceleration, r.orientation) for r in drive.imu
         )
         rows = np.array([(r.yaw_rate, r.speed, r.yaw) for r in drive.odometry])
         self.odometry = OdometryTrack(np.array([r.t_ns for r in drive.odometry], np.int64), *rows.T)

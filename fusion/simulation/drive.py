@@ -150,7 +150,7 @@ def simulate(
     """
     experiment = find_experiment(name)
     times = experiment.frame_times()
-    motion = experiment.trajectory.at(times)
+    motion = experiment.trajectory.in_place.at(times)
     streams = [np.random.default_rng([seed, zlib.crc32(name.encode()), stream]) for stream in range(3)]
     effects = FrameEffects(experiment.effects, times, motion.yaw_rate, int(streams[2].integers(2**31)))
     variant = seed // SEEDS_PER_WORLD % WORLDS
@@ -177,7 +177,8 @@ def simulate(
 
 def true_motion(experiment: Experiment, t: Floats) -> Truth:
     """The truth at times `t`, s since the start."""
-    motion, (x0, y0, heading) = experiment.trajectory.at(t), experiment.trajectory.start
+    motion, start = experiment.trajectory.at(t), experiment.trajectory.at(np.zeros(1))
+    x0, y0, heading = float(start.x[0]), float(start.y[0]), float(start.yaw[0])
     dx, dy = motion.x - x0, motion.y - y0
     return Truth(
         t_ns=START_NS + np.round(t * 1e9).astype(np.int64),

@@ -1,4 +1,4 @@
-"""The experiments by name: the paper's, section 4, and seven beyond it."""
+"""The experiments by name: the paper's, section 4, and eight beyond it."""
 
 from __future__ import annotations
 
@@ -17,13 +17,15 @@ from fusion.simulation.trajectory import Ground, Leg, Trajectory, curve, spin, s
 _LEVEL = Ground()
 
 
-def _drive(*legs: Leg, start: tuple[float, float, float] = (0.0, 0.0, 0.0), ground: Ground = _LEVEL) -> Trajectory:
+def _drive(
+    *legs: Leg, start: tuple[float, float, float] = (0.0, 0.0, 0.0), ground: Ground = _LEVEL, sunk: float = 0.0
+) -> Trajectory:
     """A drive by hand on tracks, with a second of standing before and after.
 
     The driver steers by 0.6 deg; tracks that grip and let go turn unevenly, and drift 3 cm in a turn on the spot.
     """
     way = (stand(1.0), *legs, stand(1.0))
-    return Trajectory(way, start, wobble=float(np.deg2rad(0.6)), unsteady=0.15, wander=0.03, ground=ground)
+    return Trajectory(way, start, wobble=float(np.deg2rad(0.6)), unsteady=0.15, wander=0.03, ground=ground, sunk=sunk)
 
 
 def _columns(count: int, per_frame: int) -> Leg:
@@ -158,6 +160,13 @@ _TABLE = (
         mixed=True,
         surface=DIRT,
         effects=Effects(exposure=0.06),
+    ),
+    Experiment(
+        name="sunken_floor",
+        summary="the demo's drive in a room that has sunk by 20 deg at one side",
+        place=places.laboratory,
+        trajectory=_drive(*_DEMO, start=(-1.0, -1.45, 0.0), sunk=float(np.deg2rad(20.0))),
+        mixed=True,
     ),
     Experiment(
         name="crowd",

@@ -86,7 +86,7 @@ def read_tracks(
     """The odometry of one drive; `start_ns` is the stamp of the trajectory's time 0."""
     step = 1.0 / (ODOMETRY_HZ * _FINE)
     t = np.arange(0.0, trajectory.duration, step)
-    motion = trajectory.at(t)
+    motion = trajectory.in_place.at(t)
     scale = surface.scale + surface.scale_spread * rng.standard_normal()
     turning = motion.yaw_rate * scale * TRACK_WIDTH / 2.0
     mismatch = 0.003 * rng.standard_normal()  # one track a little longer than the other

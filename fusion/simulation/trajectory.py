@@ -8,11 +8,12 @@ ground are closed forms too; only the position is integrated numerically.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
+from scipy.spatial.transform import Rotation
 
 Floats = npt.NDArray[np.float64]
 
@@ -120,6 +121,8 @@ class Trajectory:
         How far a full turn on the spot displaces the robot, m.
     ground : Ground
         Its bumps.
+    sunk : float
+        The whole place, floor and walls, has sunk at the far end of its x axis by this angle, rad.
     """
 
     legs: Sequence[Leg]
@@ -129,6 +132,12 @@ class Trajectory:
     unsteady: float = 0.0
     wander: float = 0.0
     ground: Ground = Ground()
+    sunk: float = 0.0
+
+    @property
+    def in_place(self) -> Trajectory:
+        """The same drive as seen from the place, however that has sunk."""
+        return replace(self, sunk=0.0)
 
     @property
     def duration(self) -> float:
@@ -136,7 +145,11 @@ class Trajectory:
         return float(sum(leg.duration for leg in self.legs))
 
     def at(self, t: Floats) -> Motion:
-        """The true motion at times `t`, s since the start; before and after, the robot stands."""
+        """The true motion at times `t`, s since the start, z being up; before and after, the robot stands."""
+        if self.sunk:
+            half = 0.5e-3
+            before, after = (self._sunk(t + dt).yaw for dt in (-half, half))
+            return replace(self._sunk(t), yaw_rate=(after - before) / (2.0 * half))
         t = np.asarray(t, np.float64)
         yaw, yaw_rate = self._yaw(t)
         x, y = (np.interp(t, self._grid, path) for path in self._path)
@@ -146,6 +159,15 @@ class Trajectory:
         pitch = -np.arctan(forward)
         roll = np.arctan(left * np.cos(pitch))
         return Motion(t, x, y, z, yaw, pitch, roll, self._steps(t, "speed")[0], yaw_rate)
+
+    def _sunk(self, t: Floats) -> Motion:
+        """The motion in a place that has sunk, but for the rate of the yaw."""
+        motion, whole = self.in_place.at(t), Rotation.from_euler("y", self.sunk)
+        angles = np.stack([motion.yaw, motion.pitch, motion.roll], axis=1)
+        x, y, z = whole.apply(np.stack([motion.x, motion.y, motion.z], axis=1)).T
+        yaw, pitch, roll = (whole * Rotation.from_euler("ZYX", angles)).as_euler("ZYX").T
+        yaw += 2.0 * np.pi * np.round((motion.yaw - yaw) / (2.0 * np.pi))
+        return replace(motion, x=x, y=y, z=z, yaw=yaw, pitch=pitch, roll=roll)
 
     def _steps(self, t: Floats, quantity: str) -> tuple[Floats, Floats, Floats]:
         """A leg's quantity with smooth steps between legs; its integral; its derivative."""

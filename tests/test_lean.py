@@ -1,0 +1,165 @@
+"""A robot that leans: what turns about its own axis have to do with its heading."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from robot_drive import fuse, robot_drive
+from scipy.spatial.transform import Rotation
+
+from compass import YawIncrement
+from fusion import GyroSample, OdometrySample
+from fusion.lean import BiasGain, heading_change, heading_gain, heading_variance
+from fusion.tracks import TrackVoice
+from fusion.vertical import ImuConfig, ImuLevel
+
+DEG = math.radians(1.0)
+BIAS = np.array([0.004, -0.005, 0.003])  # rad/s, of a gyro's three axes
+
+
+def up_of(attitude):
+    return tuple(attitude.inv().apply([0.0, 0.0, 1.0]).tolist())
+
+
+def heading_of(attitude):
+    nose = attitude.apply([1.0, 0.0, 0.0])
+    return np.arctan2(nose[..., 1], nose[..., 0])
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_change_of_heading_is_that_of_the_nose(seed):
+    rng = np.random.default_rng(seed)
+    before = Rotation.from_euler("ZYX", rng.uniform([-3.0, -0.7, -0.7], [3.0, 0.7, 0.7]))
+    turn, tilt = rng.uniform(-3.0, 3.0), rng.uniform(-0.3, 0.3, 2)
+    after = before * Rotation.from_rotvec([-tilt[0], -tilt[1], 0.0]) * Rotation.from_rotvec([0.0, 0.0, turn])
+    change = heading_change(up_of(before), turn, tuple(tilt))
+    assert abs(change - turn) < math.pi
+    assert math.remainder(change - (heading_of(after) - heading_of(before)), math.tau) == pytest.approx(0.0, abs=1e-12)
+
+
+def test_on_level_ground_turn_and_heading_are_one():
+    assert heading_change((0.0, 0.0, 1.0), 7.0) == pytest.approx(7.0)
+    assert (heading_gain((0.0, 0.0, 1.0)), heading_variance((0.0, 0.0, 1.0), 1.0, 0.1)) == (1.0, 0.0)
+
+
+def test_robot_that_stands_on_its_nose_has_no_heading():
+    assert heading_change((0.99, 0.0, 0.14), 0.5) == 0.5
+    assert heading_gain((0.99, 0.0, 0.14)) == 1.0
+    assert BiasGain.leaning((0.99, 0.0, 0.14)) == BiasGain()
+
+
+@pytest.mark.parametrize("lean_deg", [5.0, 20.0])
+@pytest.mark.parametrize("turn", [0.1, 0.8, 1.6, 3.0])
+def test_variance_is_that_of_headings_from_wrong_leans(lean_deg, turn):
+    rng, sigma, lean, seen = np.random.default_rng(0), 1e-3, math.radians(lean_deg), []
+    for towards in np.linspace(0.0, math.tau, 40, endpoint=False):
+        up = math.sin(lean) * np.array([math.cos(towards), math.sin(towards), 0.0]) + [0.0, 0.0, math.cos(lean)]
+        true = heading_change(tuple(up), turn)
+        for error in sigma * rng.normal(size=(40, 2)):
+            wrong = Rotation.from_rotvec([*error, 0.0]).apply(up)
+            seen.append(heading_change(tuple(wrong), turn) - true)
+    claimed = heading_variance((math.sin(lean), 0.0, math.cos(lean)), turn, sigma)
+    assert np.mean(np.square(seen)) / claimed == pytest.approx(1.0, abs=0.2)
+
+
+@pytest.mark.parametrize("pitch_deg", [-20.0, 0.0, 15.0])
+@pytest.mark.parametrize("roll_deg", [-10.0, 25.0])
+def test_gains_are_those_of_rates_that_imu_level_gives(pitch_deg, roll_deg):
+    attitude = Rotation.from_euler("ZYX", [40.0, pitch_deg, roll_deg], degrees=True)
+    up, level = up_of(attitude), ImuLevel(ImuConfig(up="orientation"))
+
+    def rate(w):
+        return level.sample(0, w, None, attitude.as_quat()).yaw_rate
+
+    gain = BiasGain.leaning(up)
+    assert heading_gain(up) == pytest.approx(rate((0.0, 0.0, 1.0)))
+    assert (gain.own, gain.cross) == pytest.approx((rate((0.0, 0.0, 1.0)), rate((0.0, 1.0, 0.0))))
+    assert rate((1.0, 0.0, 0.0)) == pytest.approx(0.0, abs=1e-12)
+
+
+def turning(mount, lean_deg, seconds=8.0, rate=0.5):
+    """What an IMU says of a robot that turns on a slope, and the vertical in the robot's frame."""
+    slope = Rotation.from_euler("y", lean_deg, degrees=True)
+    for k in range(int(100 * seconds)):
+        robot = slope * Rotation.from_euler("z", rate * k / 100.0)
+        imu = robot * mount
+        w, f = mount.inv().apply([0.0, 0.0, rate]), imu.inv().apply([0.0, 0.0, 9.81])
+        yield (k * 10**7, w, f, imu.as_quat()), up_of(robot)
+
+
+@pytest.mark.parametrize(
+    ("mount_deg", "lean_deg", "known_s"),
+    [(0.0, 0.0, 0.0), (0.0, 20.0, 0.0), (4.0, 0.0, 0.0), (25.0, 0.0, 0.0), (45.0, 0.0, 1.0)],
+    ids=["level", "on a slope", "a little askew", "pitched on purpose", "half way over"],
+)
+def test_lean_is_known_in_any_mount_once_the_robot_has_turned(mount_deg, lean_deg, known_s):
+    mount, level = Rotation.from_euler("y", mount_deg, degrees=True), ImuLevel(ImuConfig(forward="+x"))
+    known = [(1e-9 * reading[0], level.sample(*reading).up, up) for reading, up in turning(mount, lean_deg)]
+    assert next(t for t, told, _ in known if told) == pytest.approx(known_s, abs=0.05)
+    _, told, up = known[-1]
+    assert math.degrees(math.acos(min(float(np.dot(told, up)), 1.0))) < 1.5
+
+
+def test_lean_is_not_told_by_an_axis_that_is_given_or_by_nothing():
+    for config, force in ((ImuConfig(up="+z"), (0.0, 0.0, 9.81)), (ImuConfig(), None)):
+        assert ImuLevel(config).sample(0, (0.0, 0.0, 0.1), force).up is None
+
+
+def on_slope(seed, lean_deg, *, told=True, **kwargs):
+    """A drive in a place that has sunk: true heading, gyro of three biased axes, compass and tracks about the axis."""
+    drive = robot_drive(seed, bias=0.0, **kwargs)
+    slope, level = Rotation.from_euler("y", lean_deg, degrees=True), ImuLevel()
+    yaw = drive.yaw + np.unwrap(heading_of(slope * Rotation.from_euler("z", drive.yaw[:, None])) - drive.yaw)
+    yaw -= math.tau * np.round(yaw[0] / math.tau)
+
+    def change(sample):
+        if isinstance(sample, YawIncrement):
+            return replace(sample, turn=sample.yaw)
+        if isinstance(sample, OdometrySample):
+            return sample
+        robot = slope * Rotation.from_euler("z", drive.yaw[sample.t_ns // 10**6])
+        rates, force = BIAS + np.array([0.0, 0.0, sample.yaw_rate]), robot.inv().apply([0.0, 0.0, 9.81])
+        gyro = level.sample(sample.t_ns, rates, force, robot.as_quat())
+        return gyro if told else replace(gyro, up=None)
+
+    return replace(drive, yaw=yaw, samples=[change(sample) for sample in drive.samples])
+
+
+@pytest.mark.parametrize("lean_deg", [0.0, 10.0, 30.0])
+@pytest.mark.parametrize("seed", range(3))
+def test_fused_heading_on_a_slope_is_right_within_its_sigma(seed, lean_deg):
+    drive = on_slope(seed, lean_deg)
+    fusion, errors = fuse(drive)
+    assert np.sqrt(np.mean(errors**2)) < 0.5 * DEG
+    assert errors[-1] ** 2 / fusion.estimate().yaw_variance < 9.0
+    assert fusion.estimate().track_scale == pytest.approx(1.35, abs=0.05)
+
+
+def test_slope_that_nobody_tells_of_would_cost_degrees():
+    """So the tests above test something."""
+    _, errors = fuse(on_slope(2, 30.0, told=False))
+    assert np.sqrt(np.mean(errors**2)) > 2.0 * DEG
+
+
+def test_bias_follows_the_lean():
+    drive = on_slope(0, 20.0)
+    fusion, _ = fuse(drive)
+    up = next(sample.up for sample in reversed(drive.samples) if isinstance(sample, GyroSample))
+    gain, estimate = BiasGain.leaning(up), fusion.estimate()
+    true = gain.own * BIAS[2] + gain.cross * BIAS[1]
+    assert abs(estimate.gyro_bias - true) < 4.0 * math.sqrt(estimate.gyro_bias_variance) < 0.004
+
+
+def test_tracks_poses_and_rates_become_the_headings():
+    """A turn on a slope by poses at 40 Hz; the pose goes from half a turn to minus half a turn on the way."""
+    slope, voice, headings = Rotation.from_euler("y", 25.0, degrees=True), TrackVoice(), []
+    angles = np.linspace(0.0, 6.0, 241)
+    true = np.unwrap(heading_of(slope * Rotation.from_euler("z", angles[:, None])))
+    for k, angle in enumerate(angles):
+        up = up_of(slope * Rotation.from_euler("z", angle))
+        sample = OdometrySample(k * 25_000_000, 1.0, 0.0, math.remainder(angle, math.tau))
+        voice, heard = voice.hear(sample, up)
+        headings.append(heard.yaw)
+    assert np.unwrap(headings[1:])[-1] - headings[1] == pytest.approx(true[-1] - true[1], abs=1e-3)
+    assert heard.yaw_rate == pytest.approx((true[-1] - true[-2]) / 0.025, abs=0.01)
