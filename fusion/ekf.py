@@ -272,6 +272,12 @@ class YawEkf(ExtendedKalmanFilter):
         R = self.config.gyro_sigma**2 if variance is None else variance
         return Measurement(yaw_rate - gain * rate - float(x[State.BIAS]), H, R)
 
+    def cross_rate_at_rest(self, rate: float) -> Measurement:
+        """What a gyro's rate (rad/s) about the y axis of a robot that stands says: its bias."""
+        H = np.zeros((1, DIM))
+        H[0, State.CROSS_BIAS] = 1.0
+        return Measurement(rate - float(self.x[State.CROSS_BIAS]), H, self.config.gyro_sigma**2)
+
     def tracks(self, turn: float, noise: float, *, modulo_turn: bool, alone: bool) -> Measurement:
         """What the turn (rad) claimed since the tracks' reference says: scale times the true turn, plus their error.
 

@@ -118,7 +118,7 @@ def fault_of(sample: Sample) -> str | None:
         if not 0 <= sample.t_ref_ns < sample.t_ns:
             return "reference not before the image"
     elif isinstance(sample, GyroSample):
-        numbers, variance = (sample.yaw_rate, sample.variance, *(sample.up or ())), sample.variance
+        numbers, variance = (sample.yaw_rate, sample.variance, sample.cross_rate, *(sample.up or ())), sample.variance
         motion = (sample.yaw_rate,)
     else:
         numbers, variance = (sample.yaw_rate, sample.speed, sample.yaw), None

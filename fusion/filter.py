@@ -202,6 +202,8 @@ class YawFilter:
         if gain.differs(state.bias_gain):
             self._ekf.lean(state.bias_gain, gain)
             state.bias_gain = gain
+        if state.stillness.standing and sample.cross_rate is not None:
+            self._ekf.correct(self._ekf.cross_rate_at_rest(sample.cross_rate))
         state.vote = state.vote.with_gyro(sample)
         measurement = self._ekf.gyro(sample.yaw_rate, self._gyro_sigma(state, sample) ** 2)
         verdict = self._judge(state, Sensor.GYRO, measurement)

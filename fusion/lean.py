@@ -12,7 +12,9 @@ from dataclasses import dataclass
 Vector = tuple[float, float, float]
 
 NOTICED = 0.005  # of a bias; a hundredth of what a gyro has is nothing
-STEEPEST = 0.1  # squared cosine of the nose's pitch; steeper, and the nose has no heading
+STEEPEST = (
+    0.1  # squared cosine of the nose's pitch; steeper, and the nose has no heading; cosine of a robot on its side
+)
 
 
 def heading_change(up: Vector, turn: float, tilt: tuple[float, float] = (0.0, 0.0)) -> float:
@@ -49,6 +51,11 @@ def _rotated(vector: Vector, rotation: tuple[float, float]) -> Vector:
     return x - b * rest, y + a * rest, -sine * (b * x - a * y)
 
 
+def lean_angle(up: Vector) -> float:
+    """How far from upright, rad."""
+    return math.atan2(math.hypot(up[0], up[1]), up[2])
+
+
 def heading_variance(up: Vector, turn: float, sigma: float) -> float:
     """Variance of `heading_change`, rad^2, for errors `sigma` (rad) of roll and pitch, for small ones."""
     return (sigma * math.sin(turn)) ** 2 * (1.0 - up[2] ** 2)
@@ -71,7 +78,7 @@ class BiasGain:
     def leaning(up: Vector) -> BiasGain:
         """Of a robot that leans so that `up` is vertical, see `heading_gain`."""
         level = 1.0 - up[0] ** 2
-        return BiasGain(up[2] / level, up[1] / level) if level >= STEEPEST and up[2] > 0.0 else BiasGain()
+        return BiasGain(up[2] / level, up[1] / level) if min(level, up[2]) >= STEEPEST else BiasGain()
 
     def differs(self, other: BiasGain) -> bool:
         """Whether the robot leans otherwise by more than matters."""

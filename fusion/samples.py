@@ -19,12 +19,15 @@ class GyroSample:
         Variance of the white noise of `yaw_rate`, (rad/s)^2; None takes it from the config.
     up : tuple of float or None
         How the robot leans: the vertical in its own frame (x forward, y left, z up), a unit vector; None where unknown.
+    cross_rate : float or None
+        rad/s about the robot's y axis; at rest it is the gyro's bias. None where unknown.
     """
 
     t_ns: int
     yaw_rate: float
     variance: float | None = None
     up: tuple[float, float, float] | None = None
+    cross_rate: float | None = None
 
 
 @dataclass(frozen=True, slots=True)

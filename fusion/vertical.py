@@ -111,7 +111,13 @@ class ImuLevel:
             self._follow_gravity(step_ns, rate, _unit(linear_acceleration))
             self._choose_up(orientation)
             self._learn_axis(step_ns, rate)
-        return GyroSample(t_ns, self._yaw_rate(rate), up=self._robot_up())
+        yaw_rate, axes = self._yaw_rate(rate), self._robot_axes()
+        if axes is None or self.up is None:
+            return GyroSample(t_ns, yaw_rate)
+        x, y, z = axes
+        return GyroSample(
+            t_ns, yaw_rate, up=(_dot(self.up, x), _dot(self.up, y), _dot(self.up, z)), cross_rate=_dot(y, rate)
+        )
 
     def _follow_gravity(self, step_ns: int, rate: Vector, force: Vector | None) -> None:
         """Turn the last vertical with the gyro, then draw it towards the accelerometer."""
@@ -155,18 +161,17 @@ class ImuLevel:
         (x, y, z), (wx, wy, wz) = self._turned, rate
         self._turned = x + turn * wx, y + turn * wy, z + turn * wz
 
-    def _robot_up(self) -> Vector | None:
-        """The vertical in the robot's frame, see `GyroSample`; None while it is not known how the IMU is mounted."""
-        along, up, length = self._forward, self.up, math.sqrt(_dot(self._turned, self._turned))
-        if up is None or along is None or length < self._needed:
+    def _robot_axes(self) -> tuple[Vector, Vector, Vector] | None:
+        """The robot's axes in the IMU's frame; None while it is not known how the IMU is mounted."""
+        along, length = self._forward, math.sqrt(_dot(self._turned, self._turned))
+        if along is None or length < self._needed:
             return None
-        zx, zy, zz = self._turned[0] / length, self._turned[1] / length, self._turned[2] / length
-        tilt = _dot(along, (zx, zy, zz))
+        z = zx, zy, zz = self._turned[0] / length, self._turned[1] / length, self._turned[2] / length
+        tilt = _dot(along, z)
         x = _unit((along[0] - tilt * zx, along[1] - tilt * zy, along[2] - tilt * zz))
         if x is None:
             return None
-        y = zy * x[2] - zz * x[1], zz * x[0] - zx * x[2], zx * x[1] - zy * x[0]
-        return _dot(up, x), _dot(up, y), _dot(up, (zx, zy, zz))
+        return x, (zy * x[2] - zz * x[1], zz * x[0] - zx * x[2], zx * x[1] - zy * x[0]), z
 
     def _yaw_rate(self, rate: Vector) -> float:
         """Rate of heading of the forward axis, rad/s."""

@@ -14,6 +14,7 @@ from rclpy.node import Node
 from compass import VisualCompass
 from fusion import Sensor, SensorReport, YawEstimate
 from fusion.filter import FilterState
+from fusion.lean import lean_angle
 from nodes.complaints import Complaints, surviving
 from nodes.health import Level, StreamHealth
 from nodes.transport import compressed_topic
@@ -150,7 +151,8 @@ def state_figures(sensor: Sensor, state: FilterState) -> dict[str, str]:
         voice = state.track_voice
         spoken = [name for name, spoke in (("pose", voice.pose), ("twist", voice.twist)) if spoke]
         return {"filled in": " and ".join(spoken) or "nothing but zeros so far"}
-    return {}
+    up = state.trail.ups[-1] if state.trail.ups else None
+    return {"robot leans by [deg]": f"{math.degrees(lean_angle(up)):.1f}" if up else "not known"}
 
 
 def count_figures(counts: Counter[str], prefix: str) -> dict[str, str]:

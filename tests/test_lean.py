@@ -9,7 +9,8 @@ from robot_drive import fuse, robot_drive
 from scipy.spatial.transform import Rotation
 
 from compass import YawIncrement
-from fusion import GyroSample, OdometrySample
+from fusion import GyroSample, OdometrySample, YawFusion
+from fusion.ekf import State
 from fusion.lean import BiasGain, heading_change, heading_gain, heading_variance
 from fusion.tracks import TrackVoice
 from fusion.vertical import ImuConfig, ImuLevel
@@ -41,6 +42,18 @@ def test_change_of_heading_is_that_of_the_nose(seed):
 def test_on_level_ground_turn_and_heading_are_one():
     assert heading_change((0.0, 0.0, 1.0), 7.0) == pytest.approx(7.0)
     assert (heading_gain((0.0, 0.0, 1.0)), heading_variance((0.0, 0.0, 1.0), 1.0, 0.1)) == (1.0, 0.0)
+
+
+def test_robot_on_its_side_does_not_blow_up_the_bias():
+    assert BiasGain.leaning((0.0, 0.999, 0.04)) == BiasGain()
+    fusion = YawFusion()
+    for k in range(2000):
+        roll = 1.7 * math.sin(0.002 * k)
+        assert fusion.add(GyroSample(k * 10**7, 0.003, up=(0.0, math.sin(roll), math.cos(roll))))
+    estimate = fusion.estimate()
+    assert 0.0 < estimate.gyro_bias_variance < 0.02
+    assert math.isfinite(estimate.yaw)
+    assert 0.0 < estimate.yaw_variance < 1.0
 
 
 def test_robot_that_stands_on_its_nose_has_no_heading():
@@ -149,6 +162,18 @@ def test_bias_follows_the_lean():
     gain, estimate = BiasGain.leaning(up), fusion.estimate()
     true = gain.own * BIAS[2] + gain.cross * BIAS[1]
     assert abs(estimate.gyro_bias - true) < 4.0 * math.sqrt(estimate.gyro_bias_variance) < 0.004
+
+
+def test_bias_of_the_cross_axis_is_what_it_says_at_rest():
+    drive = on_slope(0, 20.0)
+    fusion, before = YawFusion(), None
+    for sample in drive.samples:
+        fusion.add(sample)
+        cross = fusion.state.x[State.CROSS_BIAS], fusion.state.P[State.CROSS_BIAS, State.CROSS_BIAS] ** 0.5
+        if fusion.estimate().standstill and before is None:
+            before = cross
+    assert before[1] > 0.002
+    assert abs(cross[0] - BIAS[1]) < 4.0 * cross[1] < 0.001
 
 
 def test_tracks_poses_and_rates_become_the_headings():

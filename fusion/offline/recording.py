@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import heapq
 import logging
+import math
 from array import array
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
@@ -34,14 +35,15 @@ Progress = Callable[[float], None]  # takes the finished part, 0..1
 
 @dataclass(frozen=True, slots=True)
 class GyroTrack:
-    """All gyro samples: `t_ns` (N,) sorted, `yaw_rate` (N,) rad/s about the vertical, `up` (N, 3) (NaN where unknown).
+    """All gyro samples: `t_ns` (N,) sorted, `yaw_rate` (N,) rad/s about the vertical.
 
-    See `GyroSample`.
+    Also `up` (N, 3) and `cross_rate` (N,), see `GyroSample`; NaN where unknown.
     """
 
     t_ns: Times
     yaw_rate: Floats
     up: Floats
+    cross_rate: Floats
 
     @staticmethod
     def of(samples: Iterable[GyroSample]) -> GyroTrack:
@@ -49,14 +51,21 @@ class GyroTrack:
         t_ns, values = array("q"), array("d")
         for sample in samples:
             t_ns.append(sample.t_ns)
-            values.extend((sample.yaw_rate, *(sample.up or (np.nan,) * 3)))
-        rows = np.frombuffer(values, np.float64).reshape(-1, 4)
-        return GyroTrack(np.frombuffer(t_ns, np.int64), rows[:, 0], rows[:, 1:])
+            cross_rate = np.nan if sample.cross_rate is None else sample.cross_rate
+            values.extend((sample.yaw_rate, *(sample.up or (np.nan,) * 3), cross_rate))
+        rows = np.frombuffer(values, np.float64).reshape(-1, 5)
+        return GyroTrack(np.frombuffer(t_ns, np.int64), rows[:, 0], rows[:, 1:4], rows[:, 4])
 
     def samples(self) -> Iterator[GyroSample]:
         """One by one, for the filter."""
-        for t_ns, rate, up in zip(self.t_ns.tolist(), self.yaw_rate.tolist(), self.up.tolist(), strict=True):
-            yield GyroSample(t_ns, rate, up=None if np.isnan(up[0]) else tuple(up))
+        columns = (column.tolist() for column in (self.t_ns, self.yaw_rate, self.up, self.cross_rate))
+        for t_ns, rate, up, cross_rate in zip(*columns, strict=True):
+            yield GyroSample(
+                t_ns,
+                rate,
+                up=None if math.isnan(up[0]) else tuple(up),
+                cross_rate=None if math.isnan(cross_rate) else cross_rate,
+            )
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,8 +5,11 @@ from __future__ import annotations
 import math
 from typing import Any
 
+import numpy as np
+
+from fusion.lean import lean_angle
 from fusion.offline.console import table
-from fusion.offline.recording import BagRecording
+from fusion.offline.recording import BagRecording, GyroTrack
 from fusion.offline.run import FusedRun
 from fusion.offline.scores import scores, yaw_tracks
 
@@ -41,6 +44,7 @@ def summarise(run: FusedRun, recording: BagRecording) -> dict[str, Any]:
         "start_ns": int(t_ns[0]) if t_ns.size else None,
         "duration_s": float((t_ns[-1] - t_ns[0]) * 1e-9) if t_ns.size else 0.0,
         "gyro_vertical": recording.vertical,
+        "greatest_lean_deg": _greatest_lean_deg(run.gyro),
         "truth_turned_deg": None if run.truth is None else _deg(run.truth.yaw[-1] - run.truth.yaw[0]),
         "yaw": yaws,
         "gyro_bias_rad_s": last and last.gyro_bias,
@@ -72,6 +76,12 @@ def delay_line(summary: dict[str, Any]) -> str | None:
     if delay is None or sigma > KNOWN_DELAY or abs(delay) < max(3.0 * sigma, SMALL_DELAY):
         return None
     return f"images are stamped {1e3 * delay:.0f} +- {1e3 * sigma:.1f} ms after their exposure; taken into account"
+
+
+def _greatest_lean_deg(gyro: GyroTrack) -> float | None:
+    """How far the robot leant at most; None where that is never known."""
+    known = gyro.up[np.isfinite(gyro.up[:, 0])]
+    return max((math.degrees(lean_angle(tuple(up))) for up in known.tolist()), default=None)
 
 
 def _deg(angle: float) -> float | None:

@@ -1,10 +1,11 @@
-"""Print what late and straying stamps of the images cost, learnt and not: python tests/stamps_table.py (2 minutes)."""
+"""Print what stamps that are late or stray, and slopes, cost the fused yaw, learnt and not: python tests/tables.py."""
 
 import math
 
 import numpy as np
 from test_exposure import swinging
 from test_fusion_faults import with_stray_stamps
+from test_lean import on_slope
 
 from compass import YawIncrement
 from fusion import FusionConfig, YawFusion
@@ -50,6 +51,24 @@ def straying():
             print(f"straying by {1e3 * stray:2.0f} ms, {name}: {worst:.2f} ({np.mean(normalised):.1f})", flush=True)
 
 
+def leaning():
+    """RMS and worst yaw error, deg, of three robots on a slope, and the mean of error squared over variance."""
+    for name, told in (("unknown", False), ("known", True)):
+        for lean in (0.0, 10.0, 20.0, 30.0):
+            errors, normalised = [], []
+            for drive in (on_slope(seed, lean, told=told) for seed in range(3)):
+                fusion = YawFusion()
+                for sample in drive.samples:
+                    fusion.add(sample)
+                    if isinstance(sample, YawIncrement):
+                        estimate = fusion.estimate()
+                        errors.append(drive.error(estimate))
+                        normalised.append(errors[-1] ** 2 / estimate.yaw_variance)
+            rms, worst = (math.degrees(value) for value in (np.sqrt(np.mean(np.square(errors))), np.abs(errors).max()))
+            print(f"leaning by {lean:2.0f} deg, {name}: {rms:.2f} {worst:.2f} ({np.mean(normalised):.1f})", flush=True)
+
+
 if __name__ == "__main__":
     late()
     straying()
+    leaning()
