@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+STEEPEST = 0.3  # cosine of the pitch; steeper, and the heading is that of nothing
 LEVELS_S = 5.0  # in which a tilt that is not confirmed is forgotten: it is summed up from image to image
 
 
@@ -27,6 +28,15 @@ class Tilted:
     """
 
     matrix: npt.NDArray[np.float64] = field(default_factory=lambda: np.eye(3))
+
+    @staticmethod
+    def upright(up: tuple[float, float, float]) -> Tilted:
+        """Of a camera in whose frame `up`, a unit vector, is the vertical; level where it looks straight up or down."""
+        level = math.sqrt(max(1.0 - up[0] ** 2, 0.0))
+        if level < STEEPEST:
+            return Tilted()
+        ahead = np.array([1.0 - up[0] ** 2, -up[0] * up[1], -up[0] * up[2]]) / level
+        return Tilted(np.array([ahead, np.cross(up, ahead), up]))
 
     def after(self, turn: float, tilt: tuple[float, float]) -> tuple[Tilted, float]:
         """How it leans, and how its heading has changed, rad, once the scene has rotated by `tilt` and then turned.
@@ -43,6 +53,11 @@ class Tilted:
         leant = self.matrix @ _rotation(-tilt[0], -tilt[1], 0.0) @ about_axis
         heading = math.atan2(leant[1, 0], leant[0, 0])
         return Tilted(_rotation(0.0, 0.0, -heading) @ leant), heading
+
+    def variance(self, turn: float, sigma: float) -> float:
+        """Variance of that change of heading, rad^2, for errors `sigma` (rad) of roll and pitch; for small leans."""
+        leant: float = 1.0 - self.matrix[2, 2] ** 2
+        return (sigma * math.sin(turn)) ** 2 * leant
 
     def later(self, seconds: float) -> Tilted:
         """The same some time later: level again, little by little."""

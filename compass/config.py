@@ -60,6 +60,13 @@ class CompassConfig(ParameterSet):
         low=0.0,
         high=20.0,
     )
+    lean_sigma: float = parameter(
+        0.02,
+        "error of roll and pitch, as an IMU tells them, standard deviation; it matters while the robot leans",
+        unit="rad",
+        low=0.0,
+        high=1.0,
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()

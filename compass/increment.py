@@ -35,8 +35,8 @@ class YawIncrement:
         Normalised peak correlation, 0..1.
     turn, tilt : float or None, (float, float)
         What was seen: the scene rotated by `tilt` (rad) about the camera's x and y axes, then the camera turned by
-        `turn` about its own z axis. `yaw` follows for a camera that leant, at the reference, as it has itself found
-        since the start; who knows better how it leant can do better. None: `yaw` is all that is known.
+        `turn` about its own z axis. `yaw` follows from how it was taken to lean at the reference; who knows that better
+        can do better. None: `yaw` is all that is known.
     """
 
     t_ref_ns: int

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
+from collections.abc import Callable
 
 import numpy as np
 
@@ -19,6 +20,7 @@ from compass.rows import match_rows
 from compass.sectors import match_sectors
 from compass.strip import Strip, prepare_strip
 
+UpAt = Callable[[int], tuple[float, float, float] | None]
 METHODS: dict[str, Method] = {"rows": match_rows, "sectors": match_sectors, "parallax": match_parallax}
 
 MIN_TEXTURE = 1.1  # grey values of 255; camera noise of 4 alone leaves 0.9 at 1024 columns
@@ -34,6 +36,9 @@ class VisualCompass:
     ----------
     config : CompassConfig
         Defaults when not given.
+    up_at : callable, optional
+        Knows the vertical in the camera's frame (x ahead, y left, z up; a unit vector) at a stamp, ns, or None where it
+        does not. Without it the camera guesses how it leans from what it sees.
 
     Raises
     ------
@@ -58,8 +63,9 @@ class VisualCompass:
     ...     increment = compass.update(t_ns, image)
     """
 
-    def __init__(self, config: CompassConfig | None = None) -> None:
+    def __init__(self, config: CompassConfig | None = None, up_at: UpAt | None = None) -> None:
         self.config = config or CompassConfig()
+        self._up_at = up_at or (lambda t_ns: None)
         self._mask = load_mask(self.config)
         self.counts: Counter[CompassStatus] = Counter()
         self.reset()
@@ -73,6 +79,7 @@ class VisualCompass:
         self._keyframe_yaw = 0.0
         self._keyframe_variance = 0.0
         self._keyframe_leans = Tilted()
+        self._keyframe_levelled = False  # it has been asked how it leant
         self._leans = Tilted()  # at the last good image
         self._last: Strip | None = None  # the last image that gave an increment, or the keyframe
         self._newest: Strip | None = None  # the last image whatever came of it
@@ -160,7 +167,8 @@ class VisualCompass:
         """Compare with this strip from now on; what turned meanwhile is not known."""
         self._keyframe = self._last = strip if strip.texture >= MIN_TEXTURE else None
         self._keyframe_yaw, self._keyframe_variance = self.yaw, self.yaw_variance
-        self._keyframe_leans = self._leans = Tilted()
+        self._keyframe_leans, self._keyframe_levelled = Tilted(), False
+        self._leans = Tilted()
         self._unmatched_since_ns = None
 
     def _compare(self, keyframe: Strip, strip: Strip) -> Match:
@@ -183,7 +191,14 @@ class VisualCompass:
         """Let the last good image be the keyframe: its increment from the old one has been given."""
         self._keyframe = self._last
         self._keyframe_yaw, self._keyframe_variance = self.yaw, self.yaw_variance
-        self._keyframe_leans = self._leans
+        self._keyframe_leans, self._keyframe_levelled = self._leans, False
+
+    def _level_keyframe(self, keyframe: Strip) -> None:
+        """Ask once how the camera leant at the keyframe, an image after that was made: by then it is known."""
+        up = None if self._keyframe_levelled else self._up_at(keyframe.t_ns)
+        if up is not None:
+            self._keyframe_leans = Tilted.upright(up)
+        self._keyframe_levelled = True
 
     def _judge_match(self, match: Match) -> CompassStatus:
         if not match.confidence >= self.config.min_confidence or not math.isfinite(match.variance_px2):
@@ -200,8 +215,10 @@ class VisualCompass:
     def _accept(self, strip: Strip, match: Match) -> YawIncrement:
         keyframe = self._keyframe or strip
         per_px = math.tau / keyframe.columns
-        turn, variance = match.shift_px * per_px, match.variance_px2 * per_px**2
+        turn = match.shift_px * per_px
+        self._level_keyframe(keyframe)
         leans, yaw = self._keyframe_leans.after(turn, match.tilt)
+        variance = match.variance_px2 * per_px**2 + self._keyframe_leans.variance(turn, self.config.lean_sigma)
         self.yaw += wrap_angle(self._keyframe_yaw + yaw - self.yaw)
         self.yaw_variance = self._keyframe_variance + variance
         self._last = strip

@@ -46,10 +46,6 @@ class FusionConfig(ParameterSet):
     gyro_scale_sigma: float = parameter(
         0.001, "error of the gyro's scale factor to expect, standard deviation", low=0.0, high=0.5
     )
-    lean_sigma: float = parameter(
-        0.02, "error of the robot's roll and pitch as the IMU tells them, standard deviation", unit="rad",
-        low=0.0, high=1.0,
-    )  # fmt: skip
     odometry: str = parameter(
         "pose",
         "what of the track odometry is fused: the turn between its poses, or its turn rates",

@@ -6,11 +6,10 @@ import math
 from bisect import bisect_left, bisect_right
 from dataclasses import dataclass
 
-from fusion.lean import Vector
+from fusion.lean import NEAR_NS, Vector
 from fusion.samples import GyroSample
 
 LONGEST_NS = 1_000_000_000  # of what the gyro said that is remembered
-LEANS_NS = 100_000_000  # for so long about a sample the robot leans as it did then
 SHORTEST_STEP = 0.02  # s; over less the gyro's noise says more of its rate than the rate
 CAUTION = 100.0  # the gyro's noise, as a turn rate that changes, must not tell the delay however long it lasts
 
@@ -69,7 +68,7 @@ class GyroTrail:
     def up_at(self, t_ns: int) -> Vector | None:
         """The vertical in the robot's frame at a time, as the next sample tells it; None where none was near."""
         i = min(bisect_left(self.t_ns, t_ns), len(self.t_ns) - 1)
-        return self.ups[i] if i >= 0 and abs(self.t_ns[i] - t_ns) <= LEANS_NS else None
+        return self.ups[i] if i >= 0 and abs(self.t_ns[i] - t_ns) <= NEAR_NS else None
 
     def turn_at(self, t_ns: int) -> float:
         """The integral at a time; the first rate is held before the first sample, the last after the last."""

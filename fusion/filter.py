@@ -17,7 +17,7 @@ from fusion.ekf import CLONES, Array, Correction, Measurement, State, Transition
 from fusion.events import CompassEvent, FusionEvent, GyroEvent, HeadingEvent, Sensor, TracksEvent
 from fusion.exposure import Exposure, GyroTrail
 from fusion.gating import Gate, Verdict, gate_limit
-from fusion.lean import BiasGain, Vector, heading_change, heading_variance
+from fusion.lean import BiasGain, Vector, heading_change
 from fusion.samples import GyroSample, YawEstimate
 from fusion.standstill import Stillness
 from fusion.stray import Stray
@@ -280,13 +280,12 @@ class YawFilter:
             ekf.widen(State.BIAS, self.config.initial_bias_sigma**2)
             ekf.widen(State.CAMERA_DELAY, self.config.camera_delay_sigma**2)
 
-    def _levelled(self, increment: YawIncrement, clone: Clone | None) -> YawIncrement:
+    @staticmethod
+    def _levelled(increment: YawIncrement, clone: Clone | None) -> YawIncrement:
         """What an increment says of the heading, where it is known how the robot leant at its reference."""
         if clone is None or clone.up is None or increment.turn is None:
             return increment
-        yaw = float(wrap_angle(heading_change(clone.up, increment.turn, increment.tilt)))
-        variance = increment.variance + heading_variance(clone.up, increment.turn, self.config.lean_sigma)
-        return replace(increment, yaw=yaw, variance=variance)
+        return replace(increment, yaw=float(wrap_angle(heading_change(clone.up, increment.turn, increment.tilt))))
 
     def _take_vote(self, state: FilterState, increment: YawIncrement, slot: int | None) -> None:
         """Count the votes; where the gyro lost, take back what was believed of it and let its bias move."""

@@ -7,10 +7,13 @@ How it leans is told by the vertical in its own frame (x forward, y left, z up):
 from __future__ import annotations
 
 import math
+from collections import deque
 from dataclasses import dataclass
 
 Vector = tuple[float, float, float]
 
+LATELY = 500  # samples that are remembered
+NEAR_NS = 100_000_000  # for so long about a sample the robot leans as it did then
 NOTICED = 0.005  # of a bias; a hundredth of what a gyro has is nothing
 STEEPEST = (
     0.1  # squared cosine of the nose's pitch; steeper, and the nose has no heading; cosine of a robot on its side
@@ -56,11 +59,6 @@ def lean_angle(up: Vector) -> float:
     return math.atan2(math.hypot(up[0], up[1]), up[2])
 
 
-def heading_variance(up: Vector, turn: float, sigma: float) -> float:
-    """Variance of `heading_change`, rad^2, for errors `sigma` (rad) of roll and pitch, for small ones."""
-    return (sigma * math.sin(turn)) ** 2 * (1.0 - up[2] ** 2)
-
-
 def heading_gain(up: Vector) -> float:
     """Rate of the heading over that of a turn about the robot's own axis."""
     level = 1.0 - up[0] ** 2
@@ -83,3 +81,24 @@ class BiasGain:
     def differs(self, other: BiasGain) -> bool:
         """Whether the robot leans otherwise by more than matters."""
         return abs(self.own - other.own) + abs(self.cross - other.cross) > NOTICED
+
+
+class LeanLog:
+    """How the robot leant lately, written by one thread and read by another."""
+
+    def __init__(self) -> None:
+        self._samples: deque[tuple[int, Vector]] = deque(maxlen=LATELY)
+
+    def add(self, t_ns: int, up: Vector | None) -> None:
+        """Take in the vertical in the robot's frame at a stamp, ns, if it is known."""
+        if up is not None:
+            self._samples.append((t_ns, up))
+
+    def at(self, t_ns: int) -> Vector | None:
+        """The vertical of the sample nearest to a stamp, ns; None where none was near."""
+        nearest = min(list(self._samples), key=lambda sample: abs(sample[0] - t_ns), default=None)
+        return nearest[1] if nearest and abs(nearest[0] - t_ns) <= NEAR_NS else None
+
+    def clear(self) -> None:
+        """Forget all."""
+        self._samples.clear()

@@ -25,7 +25,8 @@ from fusion.events import (
 )
 from fusion.filter import FilterState, YawFilter, estimate_of
 from fusion.gating import SensorReport
-from fusion.samples import YawEstimate
+from fusion.lean import LeanLog
+from fusion.samples import GyroSample, YawEstimate
 from fusion.stamps import FarAhead, confirmed
 from fusion.timeline import Arrival, Timeline
 
@@ -154,7 +155,8 @@ class YawPipeline:
     def __init__(self, compass_config: CompassConfig | None = None, fusion_config: FusionConfig | None = None) -> None:
         from compass import VisualCompass  # type: ignore[attr-defined,unused-ignore]
 
-        self.compass = VisualCompass(compass_config or CompassConfig())
+        self._leans = LeanLog()
+        self.compass = VisualCompass(compass_config or CompassConfig(), self._leans.at)
         self.fusion = YawFusion(fusion_config)
 
     def add_image(self, t_ns: int, image: npt.NDArray[Any], encoding: str = "") -> YawIncrement | None:
@@ -166,6 +168,8 @@ class YawPipeline:
 
     def add(self, sample: Sample) -> bool:
         """Feed a gyro or odometry sample (or an increment made elsewhere)."""
+        if isinstance(sample, GyroSample):
+            self._leans.add(sample.t_ns, sample.up)
         return self.fusion.add(sample)
 
     def estimate(self) -> YawEstimate | None:
@@ -174,5 +178,6 @@ class YawPipeline:
 
     def reset(self) -> None:
         """Start compass and fusion anew."""
+        self._leans.clear()
         self.compass.reset()
         self.fusion.reset()

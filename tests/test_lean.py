@@ -3,15 +3,17 @@
 import math
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 from robot_drive import fuse, robot_drive
 from scipy.spatial.transform import Rotation
 
-from compass import YawIncrement
+from compass import CompassConfig, VisualCompass, YawIncrement
+from compass.attitude import Tilted
 from fusion import GyroSample, OdometrySample, YawFusion
 from fusion.ekf import State
-from fusion.lean import BiasGain, heading_change, heading_gain, heading_variance
+from fusion.lean import BiasGain, LeanLog, heading_change, heading_gain
 from fusion.tracks import TrackVoice
 from fusion.vertical import ImuConfig, ImuLevel
 
@@ -41,7 +43,7 @@ def test_change_of_heading_is_that_of_the_nose(seed):
 
 def test_on_level_ground_turn_and_heading_are_one():
     assert heading_change((0.0, 0.0, 1.0), 7.0) == pytest.approx(7.0)
-    assert (heading_gain((0.0, 0.0, 1.0)), heading_variance((0.0, 0.0, 1.0), 1.0, 0.1)) == (1.0, 0.0)
+    assert heading_gain((0.0, 0.0, 1.0)) == 1.0
 
 
 def test_robot_on_its_side_does_not_blow_up_the_bias():
@@ -68,12 +70,12 @@ def test_variance_is_that_of_headings_from_wrong_leans(lean_deg, turn):
     rng, sigma, lean, seen = np.random.default_rng(0), 1e-3, math.radians(lean_deg), []
     for towards in np.linspace(0.0, math.tau, 40, endpoint=False):
         up = math.sin(lean) * np.array([math.cos(towards), math.sin(towards), 0.0]) + [0.0, 0.0, math.cos(lean)]
-        true = heading_change(tuple(up), turn)
+        leans, true = Tilted.upright(tuple(up)), heading_change(tuple(up), turn)
+        assert leans.after(turn, (0.0, 0.0))[1] == pytest.approx(math.remainder(true, math.tau))
         for error in sigma * rng.normal(size=(40, 2)):
             wrong = Rotation.from_rotvec([*error, 0.0]).apply(up)
             seen.append(heading_change(tuple(wrong), turn) - true)
-    claimed = heading_variance((math.sin(lean), 0.0, math.cos(lean)), turn, sigma)
-    assert np.mean(np.square(seen)) / claimed == pytest.approx(1.0, abs=0.2)
+    assert np.mean(np.square(seen)) / leans.variance(turn, sigma) == pytest.approx(1.0, abs=0.2)
 
 
 @pytest.mark.parametrize("pitch_deg", [-20.0, 0.0, 15.0])
@@ -128,7 +130,9 @@ def on_slope(seed, lean_deg, *, told=True, **kwargs):
 
     def change(sample):
         if isinstance(sample, YawIncrement):
-            return replace(sample, turn=sample.yaw)
+            up = up_of(slope * Rotation.from_euler("z", drive.yaw[sample.t_ref_ns // 10**6]))
+            variance = Tilted.upright(up).variance(sample.yaw, CompassConfig().lean_sigma)
+            return replace(sample, variance=sample.variance + variance, turn=sample.yaw)
         if isinstance(sample, OdometrySample):
             return sample
         robot = slope * Rotation.from_euler("z", drive.yaw[sample.t_ns // 10**6])
@@ -188,3 +192,35 @@ def test_tracks_poses_and_rates_become_the_headings():
         headings.append(heard.yaw)
     assert np.unwrap(headings[1:])[-1] - headings[1] == pytest.approx(true[-1] - true[1], abs=1e-3)
     assert heard.yaw_rate == pytest.approx((true[-1] - true[-2]) / 0.025, abs=0.01)
+
+
+def test_compass_that_is_told_how_it_leans_says_headings():
+    """The photograph of a place that has sunk by 20 deg, turned by whole columns about the camera's own axis."""
+    rng, slope = np.random.default_rng(0), Rotation.from_euler("y", 20.0, degrees=True)
+    scene = cv2.GaussianBlur(rng.integers(0, 255, (256, 512), np.uint8), (0, 0), 2.0)
+    columns = [0, 20, 45, 80, 128, 160]
+    turns = [column * math.tau / 512 for column in columns]
+    leans = [up_of(slope * Rotation.from_euler("z", turn)) for turn in turns]
+    compass = VisualCompass(CompassConfig(columns=512), lambda t_ns: leans[t_ns // 10**8])
+    level = VisualCompass(CompassConfig(columns=512))
+    for k, column in enumerate(columns):
+        image = np.roll(scene, column, axis=1)
+        told, guessed = compass.update(k * 10**8, image), level.update(k * 10**8, image)
+    true = heading_change(leans[0], turns[-1])
+    assert abs(true - turns[-1]) > 0.01
+    assert (compass.yaw, level.yaw) == pytest.approx((true, turns[-1]), abs=2e-4)
+    assert told.turn == guessed.turn == pytest.approx(turns[-1], abs=2e-4)
+    assert told.variance > guessed.variance
+
+
+def test_log_of_leans_knows_the_nearest_in_any_order_of_arrival():
+    log, leans = LeanLog(), {t: (0.0, math.sin(t * 1e-9), math.cos(t * 1e-9)) for t in range(0, 10**9, 10**7)}
+    assert log.at(0) is None
+    for t in np.random.default_rng(0).permutation(list(leans)).tolist():
+        log.add(t, leans[t])
+    log.add(2 * 10**9, None)
+    assert log.at(503_000_000) == leans[500_000_000]
+    assert log.at(1_050_000_000) == leans[990_000_000]
+    assert log.at(1_200_000_000) is None
+    log.clear()
+    assert log.at(0) is None

@@ -26,6 +26,8 @@ from fusion.settings import Settings
 from fusion.simulation import EXPERIMENTS, simulate
 from fusion.simulation.drive import SEEDS_PER_WORLD
 
+PAPER = "rows"  # the paper's method, which has the camera alone
+
 
 @dataclass(frozen=True, slots=True)
 class Honesty:
@@ -114,7 +116,8 @@ def all_tracks(
 ) -> Tracks:
     """Run every method of the compass and the filter, each frame shown to all of them."""
     configs = {name: replace(settings.compass, method=name) for name in METHODS}
-    watched = _Watched(recording, {name: VisualCompass(config) for name, config in configs.items()})
+    compasses = {name: VisualCompass(c, None if name == PAPER else recording.gyro.up_at) for name, c in configs.items()}
+    watched = _Watched(recording, compasses)
     run = fuse_recording(watched, settings, progress)
     if smooth:
         smooth_run(run, settings)

@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from compass.errors import ImageError
 from compass.image import Image
+from fusion.lean import NEAR_NS, Vector
 from fusion.messages import MessageError, image_of, imu_reading, odometry_sample
 from fusion.offline.bag import Bag, BagError, Message, Topic
 from fusion.offline.decode import decode_ahead
@@ -55,6 +56,15 @@ class GyroTrack:
             values.extend((sample.yaw_rate, *(sample.up or (np.nan,) * 3), cross_rate))
         rows = np.frombuffer(values, np.float64).reshape(-1, 5)
         return GyroTrack(np.frombuffer(t_ns, np.int64), rows[:, 0], rows[:, 1:4], rows[:, 4])
+
+    def up_at(self, t_ns: int) -> Vector | None:
+        """The vertical in the robot's frame at a stamp, ns, as the nearest sample tells it; None where none is near."""
+        after = int(np.searchsorted(self.t_ns, t_ns))
+        near = [i for i in (after - 1, after) if 0 <= i < self.t_ns.size and abs(int(self.t_ns[i]) - t_ns) <= NEAR_NS]
+        if not near:
+            return None
+        up: list[float] = self.up[min(near, key=lambda i: abs(int(self.t_ns[i]) - t_ns))].tolist()
+        return None if math.isnan(up[0]) else (up[0], up[1], up[2])
 
     def samples(self) -> Iterator[GyroSample]:
         """One by one, for the filter."""

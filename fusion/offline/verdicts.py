@@ -10,12 +10,11 @@ from typing import Any
 import numpy as np
 
 from fusion.offline.console import table
-from fusion.offline.evaluate import Outcome
+from fusion.offline.evaluate import PAPER, Outcome
 from fusion.offline.gps import Drift
 from fusion.offline.scores import FUSED, GYRO, SMOOTHED, TRACKS
 from fusion.simulation import EXPERIMENTS
 
-PAPER = "rows"  # the paper's method
 NEGLIGIBLE = 0.01  # deg RMS; of single sensors better than this nobody needs to be told that fusion is no better
 
 
