@@ -150,13 +150,19 @@ class YawFusion:
 
 
 class YawPipeline:
-    """Compass and fusion in one: what both the live node and the offline run call."""
+    """Compass and fusion in one: what both the live node and the offline run call.
+
+    Attributes
+    ----------
+    leans : LeanLog
+        What the gyro's samples said of the robot's lean; the compass asks it.
+    """
 
     def __init__(self, compass_config: CompassConfig | None = None, fusion_config: FusionConfig | None = None) -> None:
         from compass import VisualCompass  # type: ignore[attr-defined,unused-ignore]
 
-        self._leans = LeanLog()
-        self.compass = VisualCompass(compass_config or CompassConfig(), self._leans.at)
+        self.leans = LeanLog()
+        self.compass = VisualCompass(compass_config or CompassConfig(), self.leans.at)
         self.fusion = YawFusion(fusion_config)
 
     def add_image(self, t_ns: int, image: npt.NDArray[Any], encoding: str = "") -> YawIncrement | None:
@@ -169,7 +175,7 @@ class YawPipeline:
     def add(self, sample: Sample) -> bool:
         """Feed a gyro or odometry sample (or an increment made elsewhere)."""
         if isinstance(sample, GyroSample):
-            self._leans.add(sample.t_ns, sample.up)
+            self.leans.add(sample.t_ns, sample.up)
         return self.fusion.add(sample)
 
     def estimate(self) -> YawEstimate | None:
@@ -178,6 +184,6 @@ class YawPipeline:
 
     def reset(self) -> None:
         """Start compass and fusion anew."""
-        self._leans.clear()
+        self.leans.clear()
         self.compass.reset()
         self.fusion.reset()

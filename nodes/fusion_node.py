@@ -124,6 +124,7 @@ class FusionNode(Node):
         """Start everything anew."""
         self._stream.reset()
         self._inbox.clear()
+        self._pipeline.leans.clear()
         self._pipeline.fusion.reset()
         self._level.reset()
 

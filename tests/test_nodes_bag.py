@@ -203,7 +203,7 @@ def write_drive(path, seed=3):
             if kind == "Image":
                 bag.write_jpeg("/viz/pano/image/compressed", t_ns, value)
             elif kind == "gyro":
-                bag.write_imu("/imu/data", t_ns, (0.0, 0.0, value), (0.0, 0.0, 9.81))
+                bag.write_imu("/imu/data", t_ns, (0.0, 0.0, value), (1.4, 0.0, 9.7))  # the robot leans
             else:
                 bag.write_odometry("/odom", t_ns, 0.0, value)
     return START_NS + duration + AFTERWARDS[-1]
@@ -228,6 +228,7 @@ def play_live(robot, path, last_ns, log):
         wait_for(lambda: fused and stamp_of(fused[-1]) == last_ns, "the last fused yaw")
         told = len(diagnostics)
         wait_for(lambda: len(diagnostics) > told + 1, "diagnostics after the end")
+    assert 2.0 < float(figures(diagnostics, "gyro")["robot leans by [deg]"]) < 10.0
     used = {source: int(figures(diagnostics, source)["used"]) for source in ("images", "gyro", "tracks")}
     return fused[-1], used
 
