@@ -14,6 +14,7 @@ from compass.attitude import Tilted
 from fusion import GyroSample, OdometrySample, YawFusion
 from fusion.ekf import State
 from fusion.lean import BiasGain, LeanLog, heading_change, heading_gain
+from fusion.offline.summary import remarks
 from fusion.tracks import TrackVoice
 from fusion.vertical import ImuConfig, ImuLevel
 
@@ -211,6 +212,12 @@ def test_compass_that_is_told_how_it_leans_says_headings():
     assert (compass.yaw, level.yaw) == pytest.approx((true, turns[-1]), abs=2e-4)
     assert told.turn == guessed.turn == pytest.approx(turns[-1], abs=2e-4)
     assert told.variance > guessed.variance
+
+
+def test_user_is_told_that_the_robot_leant():
+    knows = {"camera_delay_s": None, "camera_delay_sigma_s": None}
+    assert remarks(knows | {"greatest_lean_deg": None}) == remarks(knows | {"greatest_lean_deg": 5.0}) == []
+    assert "leant by up to 20 deg" in remarks(knows | {"greatest_lean_deg": 20.4})[0]
 
 
 def test_log_of_leans_knows_the_nearest_in_any_order_of_arrival():

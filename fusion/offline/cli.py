@@ -62,14 +62,14 @@ def fuse(
 ) -> None:
     """Fuse BAG (ROS 1, rosbag2 sqlite3 or MCAP) and write yaw.csv, *.tum, result.mcap, summary.json and yaw.png."""
     from fusion.offline.fuse import fuse_bag
-    from fusion.offline.summary import delay_line, yaw_table
+    from fusion.offline.summary import remarks, yaw_table
     from fusion.offline.topics import TopicRequest
     from fusion.settings import load_settings
 
     fused = fuse_bag(bag, out, load_settings(config), TopicRequest(image, gyro, odometry, truth), smooth=smooth)
     click.echo(yaw_table(fused.summary))
-    if line := delay_line(fused.summary):
-        click.echo(line)
+    for remark in remarks(fused.summary):
+        click.echo(remark)
     click.echo(f"results in {fused.folder}/, plot in {fused.folder / 'yaw.png'}")
 
 

@@ -15,6 +15,7 @@ from fusion.offline.scores import scores, yaw_tracks
 
 KNOWN_DELAY = 0.005  # s, standard deviation of a camera delay that was learnt
 SMALL_DELAY = 0.005  # s, as much as stamps stray anyway
+SMALL_LEAN = 8.0  # deg; such a lean changes a heading by 0.3 deg
 
 
 def summarise(run: FusedRun, recording: BagRecording) -> dict[str, Any]:
@@ -70,8 +71,20 @@ def yaw_table(summary: dict[str, Any]) -> str:
     return table(header, rows)
 
 
-def delay_line(summary: dict[str, Any]) -> str | None:
-    """What was learnt of the images' stamps; None where nothing was, or they are right."""
+def remarks(summary: dict[str, Any]) -> list[str]:
+    """What was found out that the user may not know: one sentence each."""
+    return [remark for remark in (_delay_remark(summary), _lean_remark(summary)) if remark]
+
+
+def _lean_remark(summary: dict[str, Any]) -> str | None:
+    lean = summary["greatest_lean_deg"]
+    if lean is None or lean < SMALL_LEAN:
+        return None
+    return f"the robot leant by up to {lean:.0f} deg; its turns were made changes of heading (if it did not: `imu.up`)"
+
+
+def _delay_remark(summary: dict[str, Any]) -> str | None:
+    """On the images' stamps; None where nothing was learnt, or they are right."""
     delay, sigma = summary["camera_delay_s"], summary["camera_delay_sigma_s"]
     if delay is None or sigma > KNOWN_DELAY or abs(delay) < max(3.0 * sigma, SMALL_DELAY):
         return None
