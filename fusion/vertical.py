@@ -22,6 +22,7 @@ _AXES: dict[str, Vector] = {
 _AGREEMENT = math.cos(
     math.radians(20.0)
 )  # an orientation further off gravity than a filter's transients is in another frame
+_YOUNG = 3.0  # s; from less a start would be taken for a bias
 _LONGEST_STEP_NS = 500_000_000  # over a longer silence the turn is unknown: gravity alone decides
 _TELLING = 0.5  # rad of turning that tell the robot's own axis
 # how near to the vertical (cosine) an axis of the IMU begins that is taken for the robot's own, and the turning (rad)
@@ -72,6 +73,7 @@ class ImuLevel:
         self._gravity: Vector | None = None
         self._forward = _AXES.get(self.config.forward)
         self._age = 0.0
+        self._drift: Vector = (0.0, 0.0, 0.0)  # bias of the gyro across the vertical, rad/s
         self._t_ns: int | None = None
         self._axis: Vector | None = None  # of the IMU, next to the vertical at the start
         self._turned: Vector = (0.0, 0.0, 0.0)  # all turning, to the right taken for to the left, rad
@@ -120,18 +122,26 @@ class ImuLevel:
         )
 
     def _follow_gravity(self, step_ns: int, rate: Vector, force: Vector | None) -> None:
-        """Turn the last vertical with the gyro, then draw it towards the accelerometer."""
+        """Turn the last vertical with the gyro, then draw it towards the accelerometer.
+
+        What the gyro's bias does to it time after time is learnt (Mahony, Hamel & Pflimlin 2008,
+        doi:10.1109/TAC.2008.923738): it would lean by the bias times `gravity_time`.
+        """
         if self._gravity is None or not 0 <= step_ns <= _LONGEST_STEP_NS:
             self._gravity, self._age = force or self._gravity, 0.0
             return
         dt = step_ns * 1e-9
         gx, gy, gz = self._gravity
-        wx, wy, wz = rate
+        wx, wy, wz = (w - drift for w, drift in zip(rate, self._drift, strict=True))
         turned = (gx - dt * (wy * gz - wz * gy), gy - dt * (wz * gx - wx * gz), gz - dt * (wx * gy - wy * gx))
         # A plain mean while young, then a mean that forgets.
         gain = dt / (self._age + 2.0 * dt) if force and dt > 0.0 else 0.0
         self._age = min(self._age + dt, self.config.gravity_time)
         towards = force or turned
+        if force and gain > 0.0:
+            pull = dt / max(self._age, _YOUNG) ** 2
+            across = _cross(turned, force)
+            self._drift = _vector([drift + pull * a for drift, a in zip(self._drift, across, strict=True)])
         self._gravity = _unit([(1.0 - gain) * a + gain * b for a, b in zip(turned, towards, strict=True)])
 
     def _choose_up(self, orientation: Sequence[float] | None) -> None:
@@ -193,6 +203,10 @@ def _vector(values: Sequence[float]) -> Vector:
 
 def _dot(a: Vector, b: Vector) -> float:
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def _cross(a: Vector, b: Vector) -> Vector:
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
 def _unit(values: Sequence[float] | None) -> Vector | None:

@@ -54,6 +54,16 @@ def test_level_gravity_alone_finds_the_vertical(mount):
     assert level.source == "gravity"
 
 
+def test_level_bias_of_the_gyro_does_not_tilt_gravity_for_good():
+    """Of 1 deg/s across the vertical, which would hold it 11 deg off: bias times `gravity_time`."""
+    times, omega, force, _, _ = wobbling_drive(MOUNTS["upright"])
+    level, still = ImuLevel(), ImuLevel()
+    for t_ns, rate, pull in zip(times, omega, force, strict=True):
+        level.sample(t_ns, rate + np.array([0.014, -0.014, 0.01]), pull)
+        still.sample(t_ns, rate, pull)
+    assert math.degrees(math.acos(np.dot(level.up, still.up))) < 2.0
+
+
 def test_level_orientation_in_another_frame_is_not_believed():
     """A driver with z down (NED) contradicts gravity: sign and axis must come from gravity."""
     times, omega, force, orientation, turned = wobbling_drive(MOUNTS["upright"])
