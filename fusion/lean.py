@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 Vector = tuple[float, float, float]
 
+LEAN_ERROR = 0.02  # rad, of roll and pitch as IMUs tell them
 LATELY = 500  # samples that are remembered
 NEAR_NS = 100_000_000  # for so long about a sample the robot leans as it did then
 NOTICED = 0.005  # of a bias; a hundredth of what a gyro has is nothing
@@ -52,6 +53,19 @@ def _rotated(vector: Vector, rotation: tuple[float, float]) -> Vector:
     x, y, _ = vector
     sine, rest = math.sin(angle), (1.0 - math.cos(angle)) * (b * x - a * y)
     return x - b * rest, y + a * rest, -sine * (b * x - a * y)
+
+
+def beyond_error(up: Vector) -> Vector:
+    """The vertical of a robot that leans so much less that level ground, seen with errors of `LEAN_ERROR`, is level.
+
+    What a lean does to the heading goes with its square, and a square grows by that of its errors.
+    """
+    lean = math.hypot(up[0], up[1])
+    if up[2] > 0.0 and lean <= LEAN_ERROR:
+        return 0.0, 0.0, 1.0
+    less = math.sqrt(1.0 - (LEAN_ERROR / max(lean, LEAN_ERROR)) ** 2)
+    x, y = less * up[0], less * up[1]
+    return x, y, math.copysign(math.sqrt(1.0 - x * x - y * y), up[2])
 
 
 def lean_angle(up: Vector) -> float:

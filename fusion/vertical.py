@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from compass.parameters import ParameterSet, parameter
 from fusion.events import FASTEST
-from fusion.lean import Vector
+from fusion.lean import Vector, beyond_error
 from fusion.samples import GyroSample
 
 _AXES: dict[str, Vector] = {
@@ -117,9 +117,8 @@ class ImuLevel:
         if axes is None or self.up is None:
             return GyroSample(t_ns, yaw_rate)
         x, y, z = axes
-        return GyroSample(
-            t_ns, yaw_rate, up=(_dot(self.up, x), _dot(self.up, y), _dot(self.up, z)), cross_rate=_dot(y, rate)
-        )
+        up = beyond_error((_dot(self.up, x), _dot(self.up, y), _dot(self.up, z)))
+        return GyroSample(t_ns, yaw_rate, up=up, cross_rate=_dot(y, rate))
 
     def _follow_gravity(self, step_ns: int, rate: Vector, force: Vector | None) -> None:
         """Turn the last vertical with the gyro, then draw it towards the accelerometer.

@@ -13,7 +13,7 @@ from compass import CompassConfig, VisualCompass, YawIncrement
 from compass.attitude import Tilted
 from fusion import GyroSample, OdometrySample, YawFusion
 from fusion.ekf import State
-from fusion.lean import BiasGain, LeanLog, heading_change, heading_gain
+from fusion.lean import LEAN_ERROR, BiasGain, LeanLog, beyond_error, heading_change, heading_gain
 from fusion.offline.summary import remarks
 from fusion.tracks import TrackVoice
 from fusion.vertical import ImuConfig, ImuLevel
@@ -77,6 +77,17 @@ def test_variance_is_that_of_headings_from_wrong_leans(lean_deg, turn):
             wrong = Rotation.from_rotvec([*error, 0.0]).apply(up)
             seen.append(heading_change(tuple(wrong), turn) - true)
     assert np.mean(np.square(seen)) / leans.variance(turn, sigma) == pytest.approx(1.0, abs=0.2)
+
+
+def test_errors_of_roll_and_pitch_do_not_make_a_level_robot_lean():
+    assert beyond_error((0.01, -0.01, math.sqrt(1.0 - 2e-4))) == (0.0, 0.0, 1.0)
+    rng, true = np.random.default_rng(0), np.array([math.sin(0.2), 0.0, math.cos(0.2)])
+    errors = LEAN_ERROR / math.sqrt(2.0) * rng.normal(size=(4000, 2))
+    seen = [beyond_error(tuple(Rotation.from_rotvec([*e, 0.0]).apply(true))) for e in errors]
+    np.testing.assert_allclose(np.linalg.norm(seen, axis=1), 1.0)
+    assert np.mean([x**2 + y**2 for x, y, _ in seen]) == pytest.approx(true[0] ** 2, rel=0.01)
+    x, y, z = beyond_error((0.3, 0.2, -math.sqrt(1.0 - 0.13)))
+    assert (x / 0.3, z < -0.9) == (pytest.approx(y / 0.2), True)
 
 
 @pytest.mark.parametrize("pitch_deg", [-20.0, 0.0, 15.0])
