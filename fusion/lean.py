@@ -13,12 +13,10 @@ from dataclasses import dataclass
 Vector = tuple[float, float, float]
 
 LEAN_ERROR = 0.02  # rad, of roll and pitch as IMUs tell them
-LATELY = 500  # samples that are remembered
+LATELY = 2000  # samples that are remembered, of a fast gyro those of two seconds
 NEAR_NS = 100_000_000  # for so long about a sample the robot leans as it did then
 NOTICED = 0.005  # of a bias; a hundredth of what a gyro has is nothing
-STEEPEST = (
-    0.1  # squared cosine of the nose's pitch; steeper, and the nose has no heading; cosine of a robot on its side
-)
+STEEPEST = 0.1  # squared cosine of the nose's pitch, cosine of a robot on its side; beyond, a heading is none
 
 
 def heading_change(up: Vector, turn: float, tilt: tuple[float, float] = (0.0, 0.0)) -> float:
