@@ -137,7 +137,7 @@ def _left_out(turn_px: float, spread_px: float, tilt: tuple[float, float], colum
     """Error of a turn that the posterior does not know of, columns.
 
     A camera that turns as it is pushed moves on a curve, not on a line. And what a tilt has to do with the heading
-    depends on how the camera leans, which is a guess (see `attitude`).
+    depends on how the camera leans (see `attitude`).
     """
     turning = min(abs(turn_px) * 2.0 * np.pi / columns / TURNING, 1.0) * min(spread_px / PUSHED_PX, 1.0)
     leaning = LEAN_ERROR * np.hypot(*tilt) * columns / (2.0 * np.pi)
