@@ -75,7 +75,6 @@ class ImuLevel:
         self._age = 0.0
         self._drift: Vector = (0.0, 0.0, 0.0)  # bias of the gyro across the vertical, rad/s
         self._t_ns: int | None = None
-        self._axis: Vector | None = None  # of the IMU, next to the vertical at the start
         self._turned: Vector = (0.0, 0.0, 0.0)  # all turning, to the right taken for to the left, rad
         self._needed = math.inf  # of it, before it tells the robot's own axis
         self.up: Vector | None = _AXES.get(self.config.up)
@@ -130,9 +129,9 @@ class ImuLevel:
             self._gravity, self._age = force or self._gravity, 0.0
             return
         dt = step_ns * 1e-9
-        gx, gy, gz = self._gravity
-        wx, wy, wz = (w - drift for w, drift in zip(rate, self._drift, strict=True))
-        turned = (gx - dt * (wy * gz - wz * gy), gy - dt * (wz * gx - wx * gz), gz - dt * (wx * gy - wy * gx))
+        (gx, gy, gz), (wx, wy, wz), (bx, by, bz) = self._gravity, rate, self._drift
+        tx, ty, tz = _cross((wx - bx, wy - by, wz - bz), self._gravity)
+        turned = gx - dt * tx, gy - dt * ty, gz - dt * tz
         # A plain mean while young, then a mean that forgets.
         gain = dt / (self._age + 2.0 * dt) if force and dt > 0.0 else 0.0
         self._age = min(self._age + dt, self.config.gravity_time)
@@ -158,9 +157,9 @@ class ImuLevel:
         """Note about which axis the robot turns."""
         if self.up is None or self.config.up in _AXES:
             return
-        if self._axis is None:
-            self._axis = x, y, z = max(_AXES.values(), key=lambda axis: _dot(axis, self.up or axis))
-            counts = next((counts for near, counts in _ALIGNED if _dot(self._axis, self.up) >= near), 0.0)
+        if self._needed == math.inf:
+            cosine, (x, y, z) = max((_dot(axis, self.up), axis) for axis in _AXES.values())
+            counts = next((counts for near, counts in _ALIGNED if cosine >= near), 0.0)
             self._turned = counts * x, counts * y, counts * z
             self._needed = counts or _TELLING
         turning = _dot(self.up, rate)
@@ -175,12 +174,9 @@ class ImuLevel:
         along, length = self._forward, math.sqrt(_dot(self._turned, self._turned))
         if along is None or length < self._needed:
             return None
-        z = zx, zy, zz = self._turned[0] / length, self._turned[1] / length, self._turned[2] / length
-        tilt = _dot(along, z)
-        x = _unit((along[0] - tilt * zx, along[1] - tilt * zy, along[2] - tilt * zz))
-        if x is None:
-            return None
-        return x, (zy * x[2] - zz * x[1], zz * x[0] - zx * x[2], zx * x[1] - zy * x[0]), z
+        z = self._turned[0] / length, self._turned[1] / length, self._turned[2] / length
+        y = _unit(_cross(z, along))
+        return (_cross(y, z), y, z) if y else None
 
     def _yaw_rate(self, rate: Vector) -> float:
         """Rate of heading of the forward axis, rad/s."""

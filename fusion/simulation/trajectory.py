@@ -134,7 +134,7 @@ class Trajectory:
     ground: Ground = Ground()
     sunk: float = 0.0
 
-    @property
+    @cached_property
     def in_place(self) -> Trajectory:
         """The same drive as seen from the place, however that has sunk."""
         return replace(self, sunk=0.0)
