@@ -10,6 +10,8 @@ import math
 from collections import deque
 from dataclasses import dataclass
 
+from compass.attitude import Tilted
+
 Vector = tuple[float, float, float]
 
 LEAN_ERROR = 0.02  # rad, of roll and pitch as IMUs tell them
@@ -31,26 +33,8 @@ def heading_change(up: Vector, turn: float, tilt: tuple[float, float] = (0.0, 0.
     tilt : (2,) tuple of float
         Of the scene about the robot's x and y axes before the turn, rad.
     """
-    level = 1.0 - up[0] ** 2
-    if level < STEEPEST:
-        return turn
-    x, y, z = _rotated((math.cos(turn), math.sin(turn), 0.0), (-tilt[0], -tilt[1]))
-    # of the nose afterwards, what points along the heading before and to the left of it, both times sqrt(level)
-    along = x - up[0] * (up[0] * x + up[1] * y + up[2] * z)
-    left = up[2] * y - up[1] * z
-    heading = math.atan2(left, along)
+    heading = Tilted.upright(up).after(turn, tilt)[1]
     return heading + math.tau * round((turn - heading) / math.tau)
-
-
-def _rotated(vector: Vector, rotation: tuple[float, float]) -> Vector:
-    """A vector of the xy plane after a rotation by an angle, rad, about an axis in that plane (Rodrigues)."""
-    angle = math.hypot(*rotation)
-    if angle == 0.0:
-        return vector
-    a, b = rotation[0] / angle, rotation[1] / angle
-    x, y, _ = vector
-    sine, rest = math.sin(angle), (1.0 - math.cos(angle)) * (b * x - a * y)
-    return x - b * rest, y + a * rest, -sine * (b * x - a * y)
 
 
 def beyond_error(up: Vector) -> Vector:
