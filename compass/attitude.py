@@ -13,6 +13,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+Vector = tuple[float, float, float]
+
 STEEPEST = 0.3  # cosine of the pitch; steeper, and the heading is that of nothing
 LEVELS_S = 5.0  # in which a tilt that is not confirmed is forgotten: it is summed up from image to image
 
@@ -30,7 +32,7 @@ class Tilted:
     matrix: npt.NDArray[np.float64] = field(default_factory=lambda: np.eye(3))
 
     @staticmethod
-    def upright(up: tuple[float, float, float]) -> Tilted:
+    def upright(up: Vector) -> Tilted:
         """Of a camera in whose frame `up`, a unit vector, is the vertical; level where it looks straight up or down."""
         level = math.sqrt(max(1.0 - up[0] ** 2, 0.0))
         if level < STEEPEST:
@@ -63,6 +65,19 @@ class Tilted:
         """The same some time later: level again, little by little."""
         rotation = cv2.Rodrigues(self.matrix)[0].ravel() * math.exp(-max(seconds, 0.0) / LEVELS_S)
         return Tilted(_rotation(*rotation.tolist()))
+
+
+def beyond_error(up: Vector, sigma: float) -> Vector:
+    """The vertical of a robot that leans so much less that level ground, seen with errors of `sigma` (rad), is level.
+
+    What a lean does to the heading goes with its square, and a square grows by that of its errors.
+    """
+    lean = math.hypot(up[0], up[1])
+    if up[2] > 0.0 and lean <= sigma:
+        return 0.0, 0.0, 1.0
+    less = math.sqrt(1.0 - (sigma / max(lean, sigma)) ** 2) if lean else 1.0
+    x, y = less * up[0], less * up[1]
+    return x, y, math.copysign(math.sqrt(max(1.0 - x * x - y * y, 0.0)), up[2])
 
 
 def _rotation(x: float, y: float, z: float) -> npt.NDArray[np.float64]:

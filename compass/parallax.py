@@ -18,13 +18,15 @@ import numpy as np
 from compass.correlation import Floats, Peak, continuous_peak, pooled_spectrum, signed, upright_spectrum
 from compass.growth import Growth, measure_growth
 from compass.increment import CompassStatus
-from compass.local import SectorShifts, coarse_shift, local_shifts
+from compass.local import CoarseShift, SectorShifts, coarse_shift, local_shifts
 from compass.match import Match, Search
 from compass.sectors import match_sectors
 from compass.strip import UPRIGHT_ROWS, Pixels, Strip
+from compass.untilt import tilt_between, untilted
 
 NARROWEST = 256  # columns; sectors of fewer than eight cannot tell parallax apart
 SECTORS = 64
+FEWEST = 8  # of them with an answer, or there is none
 PER_CIRCLE = 32.0  # Hann windows of 11 deg, half as far apart
 AGREED = 1.5  # deviations: three sectors of four this near to all of them together saw nothing but a turn
 COARSE = 16  # directions of travel that are tried first
@@ -48,6 +50,7 @@ PUSHED_PX = 2.0
 UNRELATED_PX = 0.2  # a deviation beyond it: no turn explains the sectors, they show another place
 LEAN_ERROR = 0.045  # of what is known of the camera's lean, rad
 MASKED_ERROR_PX = 0.007  # what the edges of a mask, which stay, leave in all rows pooled
+WORTH_UNDOING = 0.01  # rad of a tilt that an IMU tells of
 ABEAM = 0.02  # cosine below which a growth says nothing
 
 
@@ -102,30 +105,57 @@ class SectorEvidence:
 
 def match_parallax(reference: Strip, current: Strip, search: Search) -> Match:
     """Shift and growth of each sector, and the turn that explains them with pushes of the right sign and size."""
-    if reference.columns < NARROWEST:
+    columns = reference.columns
+    if columns < NARROWEST:
         return match_sectors(reference, current, search)
-    coarse = coarse_shift(upright_spectrum(reference, current), reference.columns, search)
-    sectors = local_shifts(reference, current, coarse.shift_px, SECTORS, PER_CIRCLE, UPRIGHT_ROWS)
-    if sectors.shift_px.size < SECTORS // 8:
+    coarse = coarse_shift(upright_spectrum(reference, current), columns, search)
+    sectors = _sectors(reference, current, coarse)
+    turned = _match_turn(reference, current, coarse, sectors)
+    if turned is not None:
+        return turned
+    undone, turn = (0.0, 0.0), coarse.shift_px * 2.0 * np.pi / columns
+    tilt = tilt_between(reference.up, current.up, turn) if reference.up and current.up else undone
+    if np.hypot(*tilt) > WORTH_UNDOING:
+        level = untilted(current, tilt, turn, search.forward_px)
+        better = _sectors(reference, level, coarse)
+        if better.mean_correlation > sectors.mean_correlation:  # else the IMU errs
+            current, sectors, undone = level, better, tilt
+    if sectors.shift_px.size < FEWEST:
         return Match(float(coarse.shift_px), np.inf, max(coarse.correlation, 0.0))
-    confidence = float(np.clip(sectors.mean_correlation, 0.0, 1.0))
-    median = _quantile(sectors.shift_px, 0.5)
-    if _apart(sectors, median) < AGREED:
-        exact = continuous_peak(pooled_spectrum(reference, current), reference.columns, median)
-        apart = _apart(sectors, exact.shift_px)
-        if apart < AGREED:
-            shift = float(signed(exact.shift_px, reference.columns))
-            spread = apart * _quantile(sectors.sigma_px, 0.5)
-            return Match(shift, _bound(exact, reference), confidence, coarse.status, spread)
     growth = measure_growth(reference, current, sectors, SECTORS, PER_CIRCLE)
-    tilt = (0.0, 0.0) if growth is None else (float(growth.tilt[0]), float(growth.tilt[1]))
-    evidence = _evidence(sectors, growth, search.forward_px, reference.columns)
+    left = np.zeros(2) if growth is None else growth.tilt
+    evidence = _evidence(sectors, growth, search.forward_px, columns)
     posterior = turn_posterior(evidence)
     spread = _quantile(np.abs(evidence.shift_px - posterior.mean_px), 0.75)
-    variance = posterior.variance_px2 + _left_out(posterior.mean_px, spread, tilt, reference.columns) ** 2
+    variance = posterior.variance_px2 + _left_out(posterior.mean_px, spread, left, columns) ** 2
     status = CompassStatus.LOW_CONFIDENCE if variance > UNRELATED_PX**2 else coarse.status
-    shift = float(signed(posterior.mean_px, reference.columns))
-    return Match(shift, variance, confidence, status, spread, tilt)
+    shift = float(signed(posterior.mean_px, columns))
+    tilt = undone[0] + float(left[0]), undone[1] + float(left[1])
+    return Match(shift, variance, _confidence(sectors), status, spread, tilt)
+
+
+def _sectors(reference: Strip, current: Strip, coarse: CoarseShift) -> SectorShifts:
+    return local_shifts(reference, current, coarse.shift_px, SECTORS, PER_CIRCLE, UPRIGHT_ROWS)
+
+
+def _match_turn(reference: Strip, current: Strip, coarse: CoarseShift, sectors: SectorShifts) -> Match | None:
+    """All rows pooled, where most sectors agree with them that there was nothing but a turn; else None."""
+    if sectors.shift_px.size < FEWEST:
+        return None
+    median = _quantile(sectors.shift_px, 0.5)
+    if _apart(sectors, median) >= AGREED:
+        return None
+    exact = continuous_peak(pooled_spectrum(reference, current), reference.columns, median)
+    apart = _apart(sectors, exact.shift_px)
+    if apart >= AGREED:
+        return None
+    shift = float(signed(exact.shift_px, reference.columns))
+    spread = apart * _quantile(sectors.sigma_px, 0.5)
+    return Match(shift, _bound(exact, reference), _confidence(sectors), coarse.status, spread)
+
+
+def _confidence(sectors: SectorShifts) -> float:
+    return float(np.clip(sectors.mean_correlation, 0.0, 1.0))
 
 
 def _apart(sectors: SectorShifts, shift_px: float) -> float:
@@ -133,7 +163,7 @@ def _apart(sectors: SectorShifts, shift_px: float) -> float:
     return _quantile(np.abs(sectors.shift_px - shift_px) / sectors.sigma_px, 0.75)
 
 
-def _left_out(turn_px: float, spread_px: float, tilt: tuple[float, float], columns: int) -> float:
+def _left_out(turn_px: float, spread_px: float, tilt: Floats, columns: int) -> float:
     """Error of a turn that the posterior does not know of, columns.
 
     A camera that turns as it is pushed moves on a curve, not on a line. And what a tilt has to do with the heading

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 import scipy.fft
 
+from compass.attitude import Vector
 from compass.config import CompassConfig
 from compass.image import Image, to_grey
 from compass.mask import RobotMask, Seen
@@ -43,6 +44,10 @@ class Strip:
         Elevation of the upper edge and height of one row, rad.
     seen : Seen or None
         Which pixels show the world; None: all.
+    means : (rows, 1) float32 array
+        What was taken out of `pixels`.
+    up : (3,) tuple of float or None
+        The vertical in the camera's frame (x ahead, y left, z up), a unit vector; None where it is not known.
     """
 
     t_ns: int
@@ -52,13 +57,14 @@ class Strip:
     top: float = 0.0
     row_height: float = 0.0
     seen: Seen | None = None
+    means: Pixels | float = 0.0
+    up: Vector | None = None
     _smoothed: dict[int, Pixels] = field(default_factory=dict, init=False)
 
-    def with_pixels(self, pixels: Pixels) -> Strip:
-        """The same strip with other grey values, whose rows' means are taken out."""
-        pixels = _without_row_means(pixels.copy(), self.seen)
-        contrast = float(np.sqrt(np.vdot(pixels, pixels) / pixels.size))
-        return replace(self, pixels=pixels, contrast=contrast)
+    def with_pixels(self, grey: Pixels, seen: Seen | None) -> Strip:
+        """The same strip with other grey values, whose rows' means are still to be taken out."""
+        pixels, means = _without_row_means(grey, seen)
+        return replace(self, pixels=pixels, contrast=_contrast(pixels), seen=seen, means=means)
 
     @property
     def columns(self) -> int:
@@ -116,7 +122,12 @@ class Strip:
 
 
 def prepare_strip(
-    t_ns: int, image: Image, config: CompassConfig, encoding: str = "", mask: RobotMask | None = None
+    t_ns: int,
+    image: Image,
+    config: CompassConfig,
+    encoding: str = "",
+    mask: RobotMask | None = None,
+    up: Vector | None = None,
 ) -> Strip:
     """Cut the region of interest out of a panorama, make it grey and bring it to size.
 
@@ -138,22 +149,28 @@ def prepare_strip(
         first = _top(image.shape[0], config)
         cut = slice(first, first + rows * merged)
         seen = mask.seen(image.shape, cut, rows, columns, _group(rows, SMOOTHED_ROWS))
-    small = _without_row_means(small, seen)
-    contrast = float(np.sqrt(np.vdot(small, small) / small.size))
+    small, means = _without_row_means(small, seen)
     per_row = math.tau / width  # square pixels
     above = config.horizon_row * image.shape[0] - _top(image.shape[0], config)
-    return Strip(t_ns, small, contrast, image.shape, above * per_row, merged * per_row, seen)
+    contrast = _contrast(small)
+    return Strip(t_ns, small, contrast, image.shape, above * per_row, merged * per_row, seen, means, up)
 
 
-def _without_row_means(pixels: Pixels, seen: Seen | None) -> Pixels:
-    """Take the mean of what is seen out of each row, in place; zero what is not seen."""
+def _without_row_means(pixels: Pixels, seen: Seen | None) -> tuple[Pixels, Pixels]:
+    """Take the mean of what is seen out of each row, in place; zero what is not seen. Gives the means, too."""
     if seen is None:
-        pixels -= cv2.reduce(pixels, 1, cv2.REDUCE_AVG)
+        means = np.asarray(cv2.reduce(pixels, 1, cv2.REDUCE_AVG), np.float32)
+        pixels -= means
     else:
         pixels *= seen.pixels
-        pixels -= pixels.sum(axis=1, keepdims=True) / seen.counts
+        means = pixels.sum(axis=1, keepdims=True) / seen.counts
+        pixels -= means
         pixels *= seen.pixels
-    return pixels
+    return pixels, means
+
+
+def _contrast(pixels: Pixels) -> float:
+    return float(np.sqrt(np.vdot(pixels, pixels) / pixels.size))
 
 
 def _averaged(pixels: Pixels, at_most: int) -> Pixels:

@@ -9,7 +9,7 @@ from collections.abc import Callable
 import numpy as np
 
 from compass.angles import wrap_angle
-from compass.attitude import Tilted
+from compass.attitude import Tilted, Vector, beyond_error
 from compass.config import CompassConfig
 from compass.image import Image
 from compass.increment import CompassStatus, YawIncrement
@@ -20,7 +20,7 @@ from compass.rows import match_rows
 from compass.sectors import match_sectors
 from compass.strip import Strip, prepare_strip
 
-UpAt = Callable[[int], tuple[float, float, float] | None]
+UpAt = Callable[[int], Vector | None]
 METHODS: dict[str, Method] = {"rows": match_rows, "sectors": match_sectors, "parallax": match_parallax}
 
 MIN_TEXTURE = 1.1  # grey values of 255; camera noise of 4 alone leaves 0.9 at 1024 columns
@@ -79,7 +79,6 @@ class VisualCompass:
         self._keyframe_yaw = 0.0
         self._keyframe_variance = 0.0
         self._keyframe_leans = Tilted()
-        self._keyframe_levelled = False  # it has been asked how it leant
         self._leans = Tilted()  # at the last good image
         self._last: Strip | None = None  # the last image that gave an increment, or the keyframe
         self._newest: Strip | None = None  # the last image whatever came of it
@@ -117,7 +116,7 @@ class VisualCompass:
         if self._backward(t_ns):
             self.status = CompassStatus.BACKWARD_STAMP
             return None
-        strip = prepare_strip(t_ns, image, self.config, encoding, self._mask)
+        strip = prepare_strip(t_ns, image, self.config, encoding, self._mask, self._up_at(t_ns))
         self.status = self._judge_strip(strip)
         if self.status is not CompassStatus.OK or self._last is None or self._keyframe is None:
             return None
@@ -167,8 +166,7 @@ class VisualCompass:
         """Compare with this strip from now on; what turned meanwhile is not known."""
         self._keyframe = self._last = strip if strip.texture >= MIN_TEXTURE else None
         self._keyframe_yaw, self._keyframe_variance = self.yaw, self.yaw_variance
-        self._keyframe_leans, self._keyframe_levelled = Tilted(), False
-        self._leans = Tilted()
+        self._keyframe_leans = self._leans = self._lean_of(strip) or Tilted()
         self._unmatched_since_ns = None
 
     def _compare(self, keyframe: Strip, strip: Strip) -> Match:
@@ -191,14 +189,11 @@ class VisualCompass:
         """Let the last good image be the keyframe: its increment from the old one has been given."""
         self._keyframe = self._last
         self._keyframe_yaw, self._keyframe_variance = self.yaw, self.yaw_variance
-        self._keyframe_leans, self._keyframe_levelled = self._leans, False
+        self._keyframe_leans = self._leans
 
-    def _level_keyframe(self, keyframe: Strip) -> None:
-        """Ask once how the camera leant at the keyframe, an image after that was made: by then it is known."""
-        up = None if self._keyframe_levelled else self._up_at(keyframe.t_ns)
-        if up is not None:
-            self._keyframe_leans = Tilted.upright(up)
-        self._keyframe_levelled = True
+    def _lean_of(self, strip: Strip) -> Tilted | None:
+        """How the camera leant, where that is known."""
+        return None if strip.up is None else Tilted.upright(beyond_error(strip.up, self.config.lean_sigma))
 
     def _judge_match(self, match: Match) -> CompassStatus:
         if not match.confidence >= self.config.min_confidence or not math.isfinite(match.variance_px2):
@@ -216,13 +211,12 @@ class VisualCompass:
         keyframe = self._keyframe or strip
         per_px = math.tau / keyframe.columns
         turn = match.shift_px * per_px
-        self._level_keyframe(keyframe)
         leans, yaw = self._keyframe_leans.after(turn, match.tilt)
         variance = match.variance_px2 * per_px**2 + self._keyframe_leans.variance(turn, self.config.lean_sigma)
         self.yaw += wrap_angle(self._keyframe_yaw + yaw - self.yaw)
         self.yaw_variance = self._keyframe_variance + variance
         self._last = strip
-        self._leans = leans.later((strip.t_ns - keyframe.t_ns) * 1e-9)
+        self._leans = self._lean_of(strip) or leans.later((strip.t_ns - keyframe.t_ns) * 1e-9)
         self._unmatched_since_ns = None
         if match.spread_px > self.config.keyframe_spread:
             self._move_keyframe()

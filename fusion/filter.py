@@ -12,12 +12,13 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from compass import YawIncrement, wrap_angle
+from compass.attitude import Vector, beyond_error
 from fusion.config import FusionConfig
 from fusion.ekf import CLONES, Array, Correction, Measurement, State, Transition, YawEkf
 from fusion.events import CompassEvent, FusionEvent, GyroEvent, HeadingEvent, Sensor, TracksEvent
 from fusion.exposure import Exposure, GyroTrail
 from fusion.gating import Gate, Verdict, gate_limit
-from fusion.lean import BiasGain, Vector, heading_change
+from fusion.lean import LEAN_ERROR, BiasGain, heading_change
 from fusion.samples import GyroSample, YawEstimate
 from fusion.standstill import Stillness
 from fusion.stray import Stray
@@ -198,6 +199,8 @@ class YawFilter:
     def _fuse_gyro(self, state: FilterState, event: GyroEvent) -> None:
         """Take in a gyro sample, or find that the robot or the bias has made a jump."""
         sample, refused = event.sample, state.gates[Sensor.GYRO]
+        if sample.up:
+            sample = replace(sample, up=beyond_error(sample.up, LEAN_ERROR))
         gain = BiasGain.leaning(sample.up) if sample.up else state.bias_gain
         if gain.differs(state.bias_gain):
             self._ekf.lean(state.bias_gain, gain)

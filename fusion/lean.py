@@ -10,13 +10,12 @@ import math
 from collections import deque
 from dataclasses import dataclass
 
-from compass.attitude import Tilted
-
-Vector = tuple[float, float, float]
+from compass.attitude import Tilted, Vector
 
 LEAN_ERROR = 0.02  # rad, of roll and pitch as IMUs tell them
 LATELY = 2000  # samples that are remembered, of a fast gyro those of two seconds
 NEAR_NS = 100_000_000  # for so long about a sample the robot leans as it did then
+LATEST_NS = 10_000_000  # before an image: what is younger may or may not have come, and must not decide
 NOTICED = 0.005  # of a bias; a hundredth of what a gyro has is nothing
 STEEPEST = 0.1  # squared cosine of the nose's pitch, cosine of a robot on its side; beyond, a heading is none
 
@@ -35,19 +34,6 @@ def heading_change(up: Vector, turn: float, tilt: tuple[float, float] = (0.0, 0.
     """
     heading = Tilted.upright(up).after(turn, tilt)[1]
     return heading + math.tau * round((turn - heading) / math.tau)
-
-
-def beyond_error(up: Vector) -> Vector:
-    """The vertical of a robot that leans so much less that level ground, seen with errors of `LEAN_ERROR`, is level.
-
-    What a lean does to the heading goes with its square, and a square grows by that of its errors.
-    """
-    lean = math.hypot(up[0], up[1])
-    if up[2] > 0.0 and lean <= LEAN_ERROR:
-        return 0.0, 0.0, 1.0
-    less = math.sqrt(1.0 - (LEAN_ERROR / max(lean, LEAN_ERROR)) ** 2)
-    x, y = less * up[0], less * up[1]
-    return x, y, math.copysign(math.sqrt(1.0 - x * x - y * y), up[2])
 
 
 def lean_angle(up: Vector) -> float:
@@ -91,9 +77,10 @@ class LeanLog:
             self._samples.append((t_ns, up))
 
     def at(self, t_ns: int) -> Vector | None:
-        """The vertical of the sample nearest to a stamp, ns; None where none was near."""
-        nearest = min(list(self._samples), key=lambda sample: abs(sample[0] - t_ns), default=None)
-        return nearest[1] if nearest and abs(nearest[0] - t_ns) <= NEAR_NS else None
+        """The vertical of the last sample before a stamp, ns, but for `LATEST_NS`; None where none was near."""
+        latest_ns = t_ns - LATEST_NS
+        before = (sample for sample in list(self._samples) if latest_ns - NEAR_NS <= sample[0] <= latest_ns)
+        return max(before, default=(0, None))[1]
 
     def clear(self) -> None:
         """Forget all."""

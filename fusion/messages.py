@@ -6,9 +6,9 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
+from compass.attitude import Vector
 from compass.errors import VisualCompassError
 from compass.image import Image, image_from_compressed, image_from_raw
-from fusion.lean import Vector
 from fusion.samples import GyroSample, OdometrySample
 from fusion.vertical import ImuLevel
 

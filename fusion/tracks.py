@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from compass import wrap_angle
-from fusion.lean import Vector, heading_gain
+from compass.attitude import Vector
+from fusion.lean import heading_gain
 from fusion.samples import OdometrySample
 
 LONGEST_GAP_NS = 500_000_000  # between odometry samples whose rates are integrated

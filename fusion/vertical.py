@@ -6,9 +6,9 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from compass.attitude import Vector
 from compass.parameters import ParameterSet, parameter
 from fusion.events import FASTEST
-from fusion.lean import Vector, beyond_error
 from fusion.samples import GyroSample
 
 _AXES: dict[str, Vector] = {
@@ -116,7 +116,7 @@ class ImuLevel:
         if axes is None or self.up is None:
             return GyroSample(t_ns, yaw_rate)
         x, y, z = axes
-        up = beyond_error((_dot(self.up, x), _dot(self.up, y), _dot(self.up, z)))
+        up = _dot(self.up, x), _dot(self.up, y), _dot(self.up, z)
         return GyroSample(t_ns, yaw_rate, up=up, cross_rate=_dot(y, rate))
 
     def _follow_gravity(self, step_ns: int, rate: Vector, force: Vector | None) -> None:

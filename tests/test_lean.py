@@ -10,10 +10,10 @@ from robot_drive import fuse, robot_drive
 from scipy.spatial.transform import Rotation
 
 from compass import CompassConfig, VisualCompass, YawIncrement
-from compass.attitude import Tilted
+from compass.attitude import Tilted, beyond_error
 from fusion import GyroSample, OdometrySample, YawFusion
 from fusion.ekf import State
-from fusion.lean import LEAN_ERROR, BiasGain, LeanLog, beyond_error, heading_change, heading_gain
+from fusion.lean import LEAN_ERROR, BiasGain, LeanLog, heading_change, heading_gain
 from fusion.offline.summary import remarks
 from fusion.tracks import TrackVoice
 from fusion.vertical import ImuConfig, ImuLevel
@@ -80,13 +80,13 @@ def test_variance_is_that_of_headings_from_wrong_leans(lean_deg, turn):
 
 
 def test_errors_of_roll_and_pitch_do_not_make_a_level_robot_lean():
-    assert beyond_error((0.01, -0.01, math.sqrt(1.0 - 2e-4))) == (0.0, 0.0, 1.0)
+    assert beyond_error((0.01, -0.01, math.sqrt(1.0 - 2e-4)), LEAN_ERROR) == (0.0, 0.0, 1.0)
     rng, true = np.random.default_rng(0), np.array([math.sin(0.2), 0.0, math.cos(0.2)])
     errors = LEAN_ERROR / math.sqrt(2.0) * rng.normal(size=(4000, 2))
-    seen = [beyond_error(tuple(Rotation.from_rotvec([*e, 0.0]).apply(true))) for e in errors]
+    seen = [beyond_error(tuple(Rotation.from_rotvec([*e, 0.0]).apply(true)), LEAN_ERROR) for e in errors]
     np.testing.assert_allclose(np.linalg.norm(seen, axis=1), 1.0)
     assert np.mean([x**2 + y**2 for x, y, _ in seen]) == pytest.approx(true[0] ** 2, rel=0.01)
-    x, y, z = beyond_error((0.3, 0.2, -math.sqrt(1.0 - 0.13)))
+    x, y, z = beyond_error((0.3, 0.2, -math.sqrt(1.0 - 0.13)), LEAN_ERROR)
     assert (x / 0.3, z < -0.9) == (pytest.approx(y / 0.2), True)
 
 
@@ -231,13 +231,14 @@ def test_user_is_told_that_the_robot_leant():
     assert "leant by up to 20 deg" in remarks(knows | {"greatest_lean_deg": 20.4})[0]
 
 
-def test_log_of_leans_knows_the_nearest_in_any_order_of_arrival():
+def test_log_of_leans_knows_the_last_before_in_any_order_of_arrival():
     log, leans = LeanLog(), {t: (0.0, math.sin(t * 1e-9), math.cos(t * 1e-9)) for t in range(0, 10**9, 10**7)}
     assert log.at(0) is None
     for t in np.random.default_rng(0).permutation(list(leans)).tolist():
         log.add(t, leans[t])
     log.add(2 * 10**9, None)
-    assert log.at(503_000_000) == leans[500_000_000]
+    assert log.at(503_000_000) == leans[490_000_000]
+    assert log.at(500_000_000) == leans[490_000_000]  # but for what may not have come yet
     assert log.at(1_050_000_000) == leans[990_000_000]
     assert log.at(1_200_000_000) is None
     log.clear()

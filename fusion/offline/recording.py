@@ -14,9 +14,10 @@ from typing import Any, Protocol
 import numpy as np
 import numpy.typing as npt
 
+from compass.attitude import Vector
 from compass.errors import ImageError
 from compass.image import Image
-from fusion.lean import NEAR_NS, Vector
+from fusion.lean import LATEST_NS, NEAR_NS
 from fusion.messages import MessageError, image_of, imu_reading, odometry_sample
 from fusion.offline.bag import Bag, BagError, Message, Topic
 from fusion.offline.decode import decode_ahead
@@ -58,12 +59,11 @@ class GyroTrack:
         return GyroTrack(np.frombuffer(t_ns, np.int64), rows[:, 0], rows[:, 1:4], rows[:, 4])
 
     def up_at(self, t_ns: int) -> Vector | None:
-        """The vertical in the robot's frame at a stamp, ns, as the nearest sample tells it; None where none is near."""
-        after = int(np.searchsorted(self.t_ns, t_ns))
-        near = [i for i in (after - 1, after) if 0 <= i < self.t_ns.size and abs(int(self.t_ns[i]) - t_ns) <= NEAR_NS]
-        if not near:
+        """The vertical in the robot's frame at a stamp, ns, as `LeanLog` knows it then."""
+        before = int(np.searchsorted(self.t_ns, t_ns - LATEST_NS, side="right")) - 1
+        if before < 0 or int(self.t_ns[before]) < t_ns - LATEST_NS - NEAR_NS:
             return None
-        up: list[float] = self.up[min(near, key=lambda i: abs(int(self.t_ns[i]) - t_ns))].tolist()
+        up: list[float] = self.up[before].tolist()
         return None if math.isnan(up[0]) else (up[0], up[1], up[2])
 
     def samples(self) -> Iterator[GyroSample]:
