@@ -60,6 +60,11 @@ class CompassConfig(ParameterSet):
         low=0.0,
         high=20.0,
     )
+    find_again: bool = parameter(
+        True,
+        "after a gap (darkness, a camera that failed) find the last view again by its corners and tell the turn since; "
+        "`parallax` only",
+    )
     lean_sigma: float = parameter(
         0.02,
         "error of roll and pitch, as an IMU tells them, standard deviation; it matters while the robot leans",

@@ -13,6 +13,7 @@ from compass.attitude import Tilted, Vector, beyond_error
 from compass.config import CompassConfig
 from compass.image import Image
 from compass.increment import CompassStatus, YawIncrement
+from compass.landmarks import match_landmarks
 from compass.mask import load_mask
 from compass.match import Match, Method, Search
 from compass.parallax import match_parallax
@@ -26,6 +27,7 @@ METHODS: dict[str, Method] = {"rows": match_rows, "sectors": match_sectors, "par
 MIN_TEXTURE = 1.1  # grey values of 255; camera noise of 4 alone leaves 0.9 at 1024 columns
 FROZEN_NS = 500_000_000  # a camera never gives the very same image for so long
 BELIEVED_BACKWARD = 10  # images in a row whose stamps rise, but lie before one that was stamped wrongly
+SEEK_NS = 300_000_000  # a view so old is sought by its corners, and so often: it takes as long as ten comparisons
 GIVE_UP_NS = 1_000_000_000  # a view that matches no keyframe for so long is a new one
 
 
@@ -85,6 +87,7 @@ class VisualCompass:
         self._earlier_ns: list[int] = []  # stamps before the newest, in a rising row
         self._still_since_ns = 0
         self._unmatched_since_ns: int | None = None
+        self._sought_ns = 0  # when the last view was last sought by its corners
 
     def update(self, t_ns: int, image: Image, encoding: str = "") -> YawIncrement | None:
         """Take in one panorama.
@@ -124,6 +127,11 @@ class VisualCompass:
         if self._keyframe is not self._last and self._lost(match):
             self._move_keyframe()
             match = self._compare(self._keyframe, strip)
+        if self._judge_match(match) is not CompassStatus.OK and self._gap(strip.t_ns):
+            self._sought_ns = strip.t_ns
+            match = match_landmarks(self._keyframe, strip, self._search(self._keyframe, strip))
+            if match.status is CompassStatus.OK:
+                return self._accept(strip, match)
         self.status = self._judge_match(match)
         if self.status is not CompassStatus.OK:
             self._give_up_keyframe(strip)
@@ -167,18 +175,26 @@ class VisualCompass:
         self._keyframe = self._last = strip if strip.texture >= MIN_TEXTURE else None
         self._keyframe_yaw, self._keyframe_variance = self.yaw, self.yaw_variance
         self._keyframe_leans = self._leans = self._lean_of(strip) or Tilted()
-        self._unmatched_since_ns = None
+        self._unmatched_since_ns, self._sought_ns = None, strip.t_ns
+
+    def _gap(self, t_ns: int) -> bool:
+        """Whether the last good view is to be sought again: if it is not too young, and not at every image."""
+        if not self.config.find_again or self.config.method != "parallax" or self._last is None:
+            return False
+        return t_ns - max(self._last.t_ns, self._sought_ns) >= SEEK_NS
 
     def _compare(self, keyframe: Strip, strip: Strip) -> Match:
+        return METHODS[self.config.method](keyframe, strip, self._search(keyframe, strip))
+
+    def _search(self, keyframe: Strip, strip: Strip) -> Search:
         columns = keyframe.columns
         last = self._last or keyframe
         reach = self.config.max_yaw_rate * (strip.t_ns - last.t_ns) * 1e-9
-        search = Search(
+        return Search(
             (self.yaw - self._keyframe_yaw) * columns / math.tau,
             reach * columns / math.tau,
             self.config.forward_column * columns,
         )
-        return METHODS[self.config.method](keyframe, strip, search)
 
     def _lost(self, match: Match) -> bool:
         """Whether the keyframe is too far behind for this match to be used; the next one moves it in any case."""

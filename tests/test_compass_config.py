@@ -10,7 +10,7 @@ from compass.config import METHODS
 from compass.parameters import ParameterSet, ParameterSpec, parameter
 
 SPECS = {spec.name: spec for spec in CompassConfig.specs()}
-NUMBERS = [name for name, spec in SPECS.items() if isinstance(spec.default, (int, float))]
+NUMBERS = [name for name, spec in SPECS.items() if type(spec.default) in (int, float)]
 FLOATS = [name for name, spec in SPECS.items() if isinstance(spec.default, float)]
 
 
@@ -79,6 +79,7 @@ def test_value_that_is_not_finite_is_refused(name, value):
 @pytest.mark.parametrize("name", SPECS)
 @pytest.mark.parametrize("value", [None, [1], {}, b"rows", True, 1j])
 def test_value_of_another_type_is_refused(name, value):
+    value = 1 if type(value) is type(SPECS[name].default) else value  # of a switch
     with pytest.raises(ConfigError, match=f"{name}.*{type(SPECS[name].default).__name__}"):
         CompassConfig(**{name: value})
 

@@ -1,0 +1,168 @@
+"""How a camera on the ground moved between two views, from directions in which it saw the same things.
+
+What was seen in the direction b before the camera moved along t is afterwards seen on the great circle through b and t,
+further from t than before, and not behind -t. Two things give turn and t in closed form. Of many pairs that are drawn,
+the motions that most directions obey are refined.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from operator import attrgetter
+
+import numpy as np
+
+from compass.correlation import Floats
+
+DRAWS = 150  # pairs of directions; each gives two turns, and travel ahead or back
+COUNTED = 300  # directions that judge what was drawn
+ROUGH = np.deg2rad(4.0)  # by which one may miss a motion that was drawn: the camera may lean otherwise than before
+STARTS = 3  # best motions that are refined, with turns so far apart:
+APART = np.deg2rad(4.0)
+RIVAL = np.deg2rad(45.0)  # a turn so far away is another answer
+WIDTHS = np.deg2rad([6.0, 3.0, 1.5, 0.75])  # of what counts while a motion is refined
+ROUNDS = 8  # at most, at each width
+STEP = 1e-4  # rad, of numerical derivatives; a smaller change of the turn ends a width
+PRIORS = np.deg2rad([1e3, 1e3, 6.0, 6.0, 6.0])  # deviations of turn, direction, tilt about x and y, climb
+UNTILT = np.array([[0, 0, 0, 0, 0, 1, 0, -1, 0], [0, 0, -1, 0, 0, 0, 1, 0, 0.0]])  # rotations by -1 about x and y
+NEAR = np.deg2rad(1.0)  # by which a direction may miss the refined motion
+SHUFFLES = 8  # of the partners, to know what chance gives
+INDEPENDENT = 0.25  # share of those that obey: neighbours err together
+FLOOR = np.deg2rad(0.06)  # error that no number of directions averages out
+LEANING = 4.0  # error of the turn per tilt or climb and share of the directions that do not obey
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Motion:
+    """How a camera moved.
+
+    Attributes
+    ----------
+    states : (1, 5) array
+        Turn to the left about its own axis, direction of travel, the scene's tilt about x and y before the turn, climb;
+        rad.
+    variance : float
+        Of the turn, rad^2.
+    obeyed : float
+        How many directions obey it, the better the more each counts.
+    """
+
+    states: Floats
+    variance: float
+    obeyed: float
+
+    @property
+    def turn(self) -> float:
+        """In [-pi, pi), rad."""
+        return float((self.states[0, 0] + np.pi) % (2.0 * np.pi) - np.pi)
+
+    @property
+    def tilt_x(self) -> float:
+        """Of the scene about the camera's x, before it turned, rad."""
+        return float(self.states[0, 2])
+
+    @property
+    def tilt_y(self) -> float:
+        """Of the scene about the camera's y, before it turned, rad."""
+        return float(self.states[0, 3])
+
+
+def find_motion(seen: Floats, again: Floats, besides: float | None = None) -> Motion:
+    """The motion that most directions obey.
+
+    Parameters
+    ----------
+    seen, again : (n, 3) arrays
+        Unit vectors towards the same things, before and after, some of them mistaken; x ahead, y left, z up.
+    besides : float, optional
+        A turn, rad, to keep `RIVAL` away from.
+    """
+    drawn = _drawn(seen, again)
+    counted = np.random.default_rng(2).permutation(len(seen))[:COUNTED]
+    miss = misses(drawn, seen[counted].astype(np.float32), again[counted].astype(np.float32))
+    support = np.maximum(1.0 - miss / ROUGH**2, 0.0).sum(axis=1)
+    if besides is not None:
+        support[np.cos(drawn[:, 0] - besides) > np.cos(RIVAL)] = -1.0
+    tried = []
+    for _ in range(STARTS):
+        start = drawn[support.argmax()]
+        support[np.cos(drawn[:, 0] - start[0]) > np.cos(APART)] = -1.0
+        tried.append(_refined(start, seen, again))
+    return max(tried, key=attrgetter("obeyed"))
+
+
+def _drawn(seen: Floats, again: Floats) -> Floats:
+    """(4 * DRAWS, 5) level motions, each obeyed by two directions: what their circles' planes have in common is t."""
+    i, j = np.random.default_rng(0).integers(len(seen), size=(2, DRAWS))
+    a, b = (np.arctan2(one[:, 1], one[:, 0]) for one in (seen, again))
+    e, f = (one[:, 2] / np.hypot(one[:, 0], one[:, 1]) for one in (seen, again))
+    whole = f[i] * f[j] * np.sin(a[i] - a[j]) + e[i] * e[j] * np.sin(b[i] - b[j])
+    cosine = f[i] * e[j] * np.sin(a[i] - b[j]) + e[i] * f[j] * np.sin(b[i] - a[j])
+    sine = e[i] * f[j] * np.cos(b[i] - a[j]) - f[i] * e[j] * np.cos(a[i] - b[j])
+    either = np.arccos(np.clip(whole / np.maximum(np.hypot(cosine, sine), 1e-12), -1.0, 1.0))
+    turn = np.arctan2(sine, cosine) + np.stack([either, -either])
+    y, x = (f[i] * of(a[i]) - e[i] * of(b[i] + turn) for of in (np.sin, np.cos))
+    ahead = np.arctan2(y, x).ravel()
+    motions = np.zeros((4 * DRAWS, 5))
+    motions[:, 0], motions[:, 1] = np.tile(turn.ravel(), 2), np.concatenate([ahead, ahead + np.pi])
+    return motions
+
+
+def _angles_missed(motions: Floats, seen: Floats, again: Floats) -> Floats:
+    """(3, motions, n) angles by which directions leave their circle, come nearer to t, or pass behind -t, rad."""
+    turn, direction, climb = motions[:, 0], motions[:, 1], motions[:, 4]
+    about_z = np.zeros((len(motions), 3, 3))
+    about_z[:, 0, 0] = about_z[:, 1, 1] = np.cos(turn)
+    about_z[:, 1, 0], about_z[:, 0, 1], about_z[:, 2, 2] = np.sin(turn), -np.sin(turn), 1.0
+    untilt = (motions[:, 2:4] @ UNTILT).reshape(-1, 3, 3)
+    rotation = ((np.eye(3) + untilt + 0.5 * untilt @ untilt) @ about_z).astype(seen.dtype)  # from after to before
+    level = np.cos(climb)
+    travel = np.stack([np.cos(direction) * level, np.sin(direction) * level, np.sin(climb)], axis=1).astype(seen.dtype)
+    products = (seen.T[:, None] * again.T).reshape(9, -1)
+    off = np.cross(rotation, travel[:, :, None], axis=1).reshape(-1, 9) @ products
+    together = rotation.reshape(-1, 9) @ products
+    ahead, now_ahead = travel @ seen.T, (travel[:, None] @ rotation)[:, 0] @ again.T
+    aside, now_aside = (np.sqrt(np.maximum(1.0 - one * one, 1e-6)) for one in (ahead, now_ahead))
+    nearer = np.maximum(now_ahead - ahead * together, 0.0) / aside
+    passed = np.maximum(ahead * now_ahead - together, 0.0) / np.maximum(aside, now_aside)
+    return np.stack([off / np.hypot(aside, now_aside), nearer, passed])
+
+
+def misses(motions: Floats, seen: Floats, again: Floats) -> Floats:
+    """(motions, n) squared angles by which directions miss motions, (motions, 5) as in `Motion`; rad^2."""
+    return np.asarray(np.square(_angles_missed(motions, seen, again)).sum(axis=0))
+
+
+def _refined(states: Floats, seen: Floats, again: Floats) -> Motion:
+    """The motion near `states`, (5,), that the directions near it obey best: Gauss-Newton, each time more narrowly."""
+    trials = STEP * np.concatenate([np.zeros((1, 5)), np.eye(5), -np.eye(5)])
+    for width in WIDTHS:
+        for _ in range(ROUNDS):
+            angles = _angles_missed(states + trials, seen, again).transpose(1, 0, 2)
+            weight = np.tile((1.0 + np.square(angles[0]).sum(axis=0) / width**2) ** -2, 3)
+            angles = angles.reshape(len(trials), -1)
+            slope = (angles[1:6] - angles[6:]) / (2.0 * STEP)
+            scatter = max(3.0 * float(weight @ angles[0] ** 2 / weight.sum()), 1e-8)
+            precision = (slope * weight) @ slope.T + np.diag(scatter / PRIORS**2)
+            step = np.linalg.solve(precision, slope @ (weight * angles[0]) + scatter * states / PRIORS**2)
+            states = states - step
+            if abs(step[0]) < STEP:
+                break
+    known = scatter * np.linalg.inv(precision)[0, 0] / INDEPENDENT
+    missed = misses(states[None], seen, again)
+    astray = float(np.mean(missed > NEAR**2))
+    variance = float(known + FLOOR**2 + (LEANING * astray) ** 2 * (states[2:] @ states[2:]))
+    return Motion(states[None], variance, float(np.maximum(1.0 - missed / NEAR**2, 0.0).sum()))
+
+
+def evidence(motion: Motion, seen: Floats, again: Floats) -> tuple[int, float]:
+    """Directions that obey a motion, and the nats by which they surpass shuffled ones: a binomial's large deviation."""
+    rng, count = np.random.default_rng(1), len(seen)
+    partners = np.concatenate([rng.permutation(count) for _ in range(SHUFFLES)])
+    shuffled = misses(motion.states, np.tile(seen, (SHUFFLES, 1)), again[partners]) < NEAR**2
+    obeying = int(np.count_nonzero(misses(motion.states, seen, again) < NEAR**2))
+    chance, share = (float(shuffled.sum()) / SHUFFLES + 0.5) / (count + 1.0), min(obeying / count, 1.0 - 1e-9)
+    if share <= chance:
+        return obeying, 0.0
+    nats = share * np.log(share / chance) + (1.0 - share) * np.log((1.0 - share) / (1.0 - chance))
+    return obeying, float(count * nats)

@@ -1,0 +1,192 @@
+"""After a gap, darkness or a camera that failed, the last view is found again by its corners."""
+
+import math
+
+import cv2
+import numpy as np
+import pytest
+from panoramas import FRAME_NS, PHOTO_NAMES, PHOTOS, START_NS, as_bytes, azimuths, photo, scene, seen_from, shifted
+from scipy.spatial.transform import Rotation
+
+from compass import CompassConfig, CompassStatus, VisualCompass, wrap_angle
+from compass.landmarks import landmarks_of, match_landmarks
+from compass.mask import RobotMask
+from compass.match import Search
+from compass.strip import prepare_strip
+from compass.two_views import evidence, find_motion
+from fusion.pipeline import YawPipeline
+
+WIDTH, HEIGHT = 1024, 512
+PER_RAD = WIDTH / math.tau
+ANYWHERE = Search(0.0, WIDTH, WIDTH / 2)
+LIT = 8  # images before the dark
+TURNS = [0.0, 0.3, -1.9, 3.0, -3.1]
+needs_photos = pytest.mark.skipif(not PHOTOS.is_dir(), reason="the photographs are not there")
+
+
+def directions(seed, turn, step=1.0, tilt=(0.0, 0.0), mistaken=0.3, count=200, noise=0.002):
+    """Unit vectors towards things 2 to 8 m away, before and after a camera's step (m), tilt and turn (rad)."""
+    rng = np.random.default_rng(seed)
+    azimuth, elevation, distance = rng.uniform([-3.14, -0.4, 2.0], [3.14, 0.5, 8.0], (count, 3)).T
+    flat = np.cos(elevation)
+    things = (distance * np.stack([flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation)])).T
+    heading = rng.uniform(-3.14, 3.14)
+    after = things - step * np.array([math.cos(heading), math.sin(heading), 0.0])
+    after = Rotation.from_euler("z", -turn).apply(Rotation.from_rotvec([*tilt, 0.0]).apply(after))
+    wrong = rng.random(count) < mistaken
+    after[wrong] = after[rng.permutation(np.flatnonzero(wrong))]
+    seen, again = (
+        one + noise * np.linalg.norm(one, axis=1)[:, None] * rng.normal(size=one.shape) for one in (things, after)
+    )
+    return tuple(one / np.linalg.norm(one, axis=1)[:, None] for one in (seen, again))
+
+
+@pytest.mark.parametrize("turn", TURNS)
+@pytest.mark.parametrize("step", [0.0, 0.1, 1.5])
+def test_motion_is_found_among_mistaken_directions(step, turn):
+    errors = []
+    for seed in range(4):
+        motion = find_motion(*directions(seed, turn, step))
+        errors.append((wrap_angle(motion.turn - turn), motion.variance))
+    error, variance = np.array(errors).T
+    assert np.abs(error).max() < math.radians(0.5)
+    assert np.mean(error**2 / variance) < 3.0
+
+
+@pytest.mark.parametrize("tilt_deg", [(3.0, 0.0), (-2.0, 4.0)])
+def test_tilt_of_the_camera_is_told_from_its_turn(tilt_deg):
+    tilt = tuple(np.deg2rad(tilt_deg))
+    for seed in range(4):
+        motion = find_motion(*directions(seed, 1.2, 1.0, tilt))
+        assert abs(motion.turn - 1.2) < min(math.radians(1.0), 3.0 * math.sqrt(motion.variance))
+        assert (motion.tilt_x, motion.tilt_y) == pytest.approx(tilt, abs=math.radians(0.7))
+
+
+def test_directions_that_belong_together_are_evidence_and_others_are_not():
+    for seed in range(10):
+        seen, again = directions(seed, 2.0)
+        shuffled = again[np.random.default_rng(seed).permutation(len(again))]
+        obeying, nats = evidence(find_motion(seen, again), seen, again)
+        assert (obeying > 0.6 * len(seen), nats > 80.0) == (True, True)
+        assert evidence(find_motion(seen, shuffled), seen, shuffled)[1] < 40.0
+
+
+def strip(image, noise_seed, config=None, mask=None):
+    return prepare_strip(noise_seed, as_bytes(image, 2.0, noise_seed), config or CompassConfig(), "", mask)
+
+
+@pytest.mark.parametrize("turn_px", [0.0, 12.3, 318.4, -500.7])
+@pytest.mark.parametrize("seed", [1, 2])
+def test_turn_across_a_step_is_found_by_corners(seed, turn_px):
+    far = 1.0 / (0.6 + 0.3 * np.cos(2.0 * azimuths(WIDTH)))
+    after = shifted(seen_from(scene(seed, WIDTH, HEIGHT), 0.4, 0.8, far), turn_px)
+    match = match_landmarks(strip(scene(seed, WIDTH, HEIGHT), 1), strip(after, 2), ANYWHERE)
+    assert match.status is CompassStatus.OK
+    error_px = (match.shift_px - turn_px + WIDTH / 2) % WIDTH - WIDTH / 2
+    assert abs(error_px) < math.radians(1.0) * PER_RAD
+    assert error_px**2 < 9.0 * match.variance_px2
+    assert 0.2 < match.confidence <= 1.0
+
+
+@needs_photos
+@pytest.mark.parametrize("name", PHOTO_NAMES)
+def test_photograph_is_found_again_however_it_turned(name):
+    turns, found = (40.3, -301.8, 511.0, -144.4), 0
+    for seed, turn_px in enumerate(turns):
+        dimmed = 0.8 * shifted(photo(name), turn_px)
+        match = match_landmarks(strip(photo(name), 10 + seed), strip(dimmed, 20 + seed), ANYWHERE)
+        if match.status is CompassStatus.OK:
+            found += 1
+            assert abs((match.shift_px - turn_px + WIDTH / 2) % WIDTH - WIDTH / 2) < math.radians(0.5) * PER_RAD
+    assert found >= len(turns) - 1  # much that looks alike may be refused
+
+
+@needs_photos
+def test_photographs_of_different_places_are_not_taken_for_one():
+    strips = [strip(photo(name), k) for k, name in enumerate(PHOTO_NAMES)]
+    for k, one in enumerate(strips):
+        for other in strips[:k] + strips[k + 1 :]:
+            assert match_landmarks(one, other, ANYWHERE).status is CompassStatus.LOW_CONFIDENCE
+
+
+def test_unrelated_scenes_are_not_taken_for_one():
+    strips = [strip(scene(seed, WIDTH, HEIGHT), seed) for seed in range(6)]
+    for one in strips[:3]:
+        for other in strips[3:]:
+            assert match_landmarks(one, other, ANYWHERE).status is CompassStatus.LOW_CONFIDENCE
+
+
+def test_place_that_looks_the_same_ahead_and_behind_is_refused():
+    half = cv2.resize(scene(5, WIDTH, HEIGHT), (WIDTH // 2, HEIGHT), interpolation=cv2.INTER_AREA)
+    place = np.hstack([half, half])
+    match = match_landmarks(strip(place, 1), strip(shifted(place, 60.0), 2), ANYWHERE)
+    assert match.status is CompassStatus.LOW_CONFIDENCE
+
+
+def test_nothing_to_see_is_no_answer():
+    black, some = strip(np.zeros((HEIGHT, WIDTH), np.float32), 1), strip(scene(1, WIDTH, HEIGHT), 2)
+    for pair in ((black, some), (some, black), (black, black)):
+        assert match_landmarks(*pair, ANYWHERE).status is CompassStatus.LOW_CONFIDENCE
+
+
+def test_corners_of_the_robot_are_no_landmarks():
+    robot = np.zeros((HEIGHT, WIDTH), bool)
+    robot[:, 300:420] = True
+    found = landmarks_of(strip(scene(1, WIDTH, HEIGHT), 1, mask=RobotMask(robot)), WIDTH / 2)
+    column = (math.pi - np.arctan2(found.bearings[:, 1], found.bearings[:, 0])) * PER_RAD
+    assert len(column) == len(found.descriptors) > 50
+    assert not np.any((column > 300) & (column < 420))
+
+
+def views(turn_px):
+    """A place before the light fails, images in the dark, and the place half a metre on, turned by so many columns."""
+    before = scene(1, WIDTH, HEIGHT)
+    after = shifted(seen_from(before, 0.3, 0.8, 1.5), turn_px)
+    dark = np.zeros_like(before)
+    return [before] * LIT + [dark] * 20 + [after] * 12
+
+
+def fed(feed, images):
+    """What `feed` gives for each image of a camera with some noise."""
+    return [feed(START_NS + k * FRAME_NS, as_bytes(image, 2.0, k)) for k, image in enumerate(images)]
+
+
+@pytest.mark.parametrize("turn_px", [250.0, -333.3])
+def test_compass_tells_what_it_turned_in_the_dark(turn_px):
+    compass = VisualCompass()
+    increments = fed(compass.update, views(turn_px))
+    across = next(one for one in increments if one and one.t_ns - one.t_ref_ns > 10**9)
+    assert (across.t_ref_ns, across.t_ns) == (
+        START_NS + (LIT - 1) * FRAME_NS,
+        START_NS + (LIT + 20) * FRAME_NS,
+    )  # the first it could
+    assert abs(across.yaw * PER_RAD - turn_px) < min(3.0 * math.sqrt(across.variance), 0.02) * PER_RAD
+    assert compass.yaw * PER_RAD == pytest.approx(turn_px, abs=0.02 * PER_RAD)
+    assert compass.yaw_variance >= across.variance
+    # afterwards it goes on from image to image
+    assert all(one and one.t_ref_ns >= across.t_ns for one in increments[LIT + 21 :])
+
+
+def test_compass_that_shall_not_seek_starts_anew():
+    for config in (CompassConfig(find_again=False), CompassConfig(method="sectors")):
+        compass = VisualCompass(config)
+        increments = fed(compass.update, views(250.0))
+        assert not [one for one in increments if one and abs(one.yaw) > 0.1]
+        assert increments[-1] is None or abs(compass.yaw) < 0.1
+
+
+def test_compass_carried_elsewhere_in_the_dark_starts_anew():
+    compass = VisualCompass()
+    images = views(0.0)[: LIT + 20] + [scene(9, WIDTH, HEIGHT)] * 15
+    increments = fed(compass.update, images)
+    assert not any(increments[LIT : LIT + 30])
+    assert increments[-1].t_ref_ns > START_NS + (LIT + 20) * FRAME_NS
+    assert abs(compass.yaw) < 1e-3
+
+
+def test_fused_yaw_crosses_the_dark_without_a_gyro():
+    pipeline = YawPipeline()
+    fed(pipeline.add_image, views(-333.3))
+    estimate = pipeline.estimate()
+    assert estimate.yaw * PER_RAD == pytest.approx(-333.3, abs=0.02 * PER_RAD)
+    assert (estimate.yaw + 333.3 / PER_RAD) ** 2 < 9.0 * estimate.yaw_variance < math.radians(3.0) ** 2
