@@ -8,6 +8,7 @@ class CompassStatus(Enum):
     """Outcome of an update; the value is a sentence for logs and diagnostics."""
 
     OK = "increment given"
+    FOUND_AGAIN = "increment given: the last view was found again after a gap"
     NOT_STARTED = "no image seen yet"
     FIRST_FRAME = "first image, nothing to compare with"
     LOW_CONFIDENCE = "peak correlation below min_confidence"
@@ -32,7 +33,7 @@ class YawIncrement:
     variance : float
         Variance of `yaw`, rad^2, positive.
     confidence : float
-        Normalised peak correlation, 0..1.
+        Normalised peak correlation, 0..1; across a gap the share of the corners in common that obey the motion found.
     turn, tilt : float or None, (float, float)
         What was seen: the scene rotated by `tilt` (rad) about the camera's x and y axes, then the camera turned by
         `turn` about its own z axis. `yaw` follows from how it was taken to lean at the reference; who knows that better

@@ -131,6 +131,7 @@ class VisualCompass:
             self._sought_ns = strip.t_ns
             match = match_landmarks(self._keyframe, strip, self._search(self._keyframe, strip))
             if match.status is CompassStatus.OK:
+                self.status = CompassStatus.FOUND_AGAIN
                 return self._accept(strip, match)
         self.status = self._judge_match(match)
         if self.status is not CompassStatus.OK:

@@ -163,6 +163,7 @@ def test_compass_tells_what_it_turned_in_the_dark(turn_px):
     assert abs(across.yaw * PER_RAD - turn_px) < min(3.0 * math.sqrt(across.variance), 0.02) * PER_RAD
     assert compass.yaw * PER_RAD == pytest.approx(turn_px, abs=0.02 * PER_RAD)
     assert compass.yaw_variance >= across.variance
+    assert compass.counts[CompassStatus.FOUND_AGAIN] == 1
     # afterwards it goes on from image to image
     assert all(one and one.t_ref_ns >= across.t_ns for one in increments[LIT + 21 :])
 

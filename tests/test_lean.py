@@ -225,10 +225,12 @@ def test_compass_that_is_told_how_it_leans_says_headings():
     assert told.variance > guessed.variance
 
 
-def test_user_is_told_that_the_robot_leant():
-    knows = {"camera_delay_s": None, "camera_delay_sigma_s": None}
+def test_user_is_told_that_the_robot_leant_or_that_a_gap_was_crossed():
+    knows = {"camera_delay_s": None, "camera_delay_sigma_s": None, "images": {}}
     assert remarks(knows | {"greatest_lean_deg": None}) == remarks(knows | {"greatest_lean_deg": 5.0}) == []
     assert "leant by up to 20 deg" in remarks(knows | {"greatest_lean_deg": 20.4})[0]
+    found = remarks(knows | {"greatest_lean_deg": None, "images": {"OK": 9, "FOUND_AGAIN": 2}})
+    assert found == ["after 2 gaps in what the camera showed the compass found its last view again"]
 
 
 def test_log_of_leans_knows_the_last_before_in_any_order_of_arrival():

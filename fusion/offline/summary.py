@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from compass import CompassStatus
 from fusion.lean import lean_angle
 from fusion.offline.console import table
 from fusion.offline.recording import BagRecording, GyroTrack
@@ -73,7 +74,7 @@ def yaw_table(summary: dict[str, Any]) -> str:
 
 def remarks(summary: dict[str, Any]) -> list[str]:
     """What was found out that the user may not know: one sentence each."""
-    return [remark for remark in (_delay_remark(summary), _lean_remark(summary)) if remark]
+    return [remark for remark in (_delay_remark(summary), _lean_remark(summary), _gap_remark(summary)) if remark]
 
 
 def _lean_remark(summary: dict[str, Any]) -> str | None:
@@ -81,6 +82,13 @@ def _lean_remark(summary: dict[str, Any]) -> str | None:
     if lean is None or lean < SMALL_LEAN:
         return None
     return f"the robot leant by up to {lean:.0f} deg; its turns were made changes of heading (if it did not: `imu.up`)"
+
+
+def _gap_remark(summary: dict[str, Any]) -> str | None:
+    gaps = summary["images"].get(CompassStatus.FOUND_AGAIN.name)
+    if not gaps:
+        return None
+    return f"after {gaps} gap{'s' * (gaps > 1)} in what the camera showed the compass found its last view again"
 
 
 def _delay_remark(summary: dict[str, Any]) -> str | None:

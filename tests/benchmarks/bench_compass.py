@@ -4,7 +4,8 @@
 
 Cost: `VisualCompass.update` on a grey panorama of 1024 x 512 in ms, and as a multiple of one `scipy.fft.rfft` of its
 strip. Both are processor time, in turn, the shortest of several, so that a busy machine disturbs neither. First the
-camera turns, then it drives past near things, where the reference moves and an update at times compares with two.
+camera turns, then it drives past near things, where the reference moves and an update at times compares with two, then
+it sways as it drives, and an IMU tells how. Last, what it takes to find a view again after a gap.
 
 Error: photographs turned by known parts of a column, with noise of 2 grey values in both images: RMS in deg, and as a
 multiple of the bound. Needs the photographs; without them only the cost is shown.
@@ -26,10 +27,25 @@ from rich.table import Table
 
 from compass import CompassConfig, VisualCompass, wrap_angle
 from compass.config import METHODS
+from compass.landmarks import match_landmarks
+from compass.match import Search
 from compass.strip import prepare_strip
+from compass.visual_compass import UpAt
 
 sys.path.insert(0, str(Path(__file__).parent.parent))
-from panoramas import FRAME_NS, PHOTO_NAMES, PHOTOS, as_bytes, azimuths, compare, photo, scene, seen_from, shifted
+from panoramas import (
+    FRAME_NS,
+    PHOTO_NAMES,
+    PHOTOS,
+    as_bytes,
+    azimuths,
+    compare,
+    photo,
+    scene,
+    seen_from,
+    shifted,
+    tilted,
+)
 
 LIMIT = 12.0  # times the transform of the strip
 REPEATS = 12
@@ -60,9 +76,25 @@ def driving_frames(count: int = 24) -> list[np.ndarray]:
     return [as_bytes(seen_from(image, index * step, 0.0, walls), NOISE, index) for index in range(count)]
 
 
-def cost(method: str, frames: list[np.ndarray]) -> tuple[float, float, float]:
+def swaying(index: int) -> float:
+    """Pitch of the swaying camera at a frame, rad."""
+    return math.radians(3.0) * math.sin(index)
+
+
+def swaying_frames(count: int = 24) -> list[np.ndarray]:
+    """The driving camera pitches by 3 deg to and fro."""
+    return [as_bytes(tilted(frame, 0.0, -swaying(index))) for index, frame in enumerate(driving_frames(count))]
+
+
+def swaying_up(t_ns: int) -> tuple[float, float, float]:
+    """The vertical in the swaying camera's frame."""
+    pitch = swaying(t_ns // FRAME_NS)
+    return -math.sin(pitch), 0.0, math.cos(pitch)
+
+
+def cost(method: str, frames: list[np.ndarray], up_at: UpAt | None = None) -> tuple[float, float, float]:
     """Update on average, the dearest update, and one transform of its strip, s; each the shortest of `REPEATS`."""
-    compass = VisualCompass(CompassConfig(method=method))
+    compass = VisualCompass(CompassConfig(method=method), up_at)
     pixels = prepare_strip(0, frames[0], compass.config).pixels
     updates, transforms = np.empty((REPEATS, len(frames))), []
     for repeat in range(REPEATS):
@@ -78,17 +110,27 @@ def show_costs(console: Console) -> None:
     """Print what each method costs, turning and driving."""
     table = Table(title="Cost of an update, grey 1024 x 512")
     table.add_column("method")
-    for heading in ("turning\nms", "\nx rfft", "dearest\nx rfft", "driving\nms", "\nx rfft", "dearest\nx rfft"):
-        table.add_column(heading, justify="right")
-    turning, driving = turning_frames(), driving_frames()
+    for heading in ("turning", "driving", "swaying"):
+        for column in (f"{heading}\nms", "\nx rfft", "dearest\nx rfft"):
+            table.add_column(column, justify="right")
+    drives = (turning_frames(), None), (driving_frames(), None), (swaying_frames(), swaying_up)
     for method in METHODS:
         cells = []
-        for frames in (turning, driving):
-            update, dearest, transform = cost(method, frames)
+        for frames, up_at in drives:
+            update, dearest, transform = cost(method, frames, up_at)
             cells += [f"{1e3 * update:.2f}", f"{update / transform:.1f}", f"{dearest / transform:.1f}"]
         table.add_row(method, *cells)
     console.print(table)
     console.print(f"limit: {LIMIT:g} times one scipy.fft.rfft of the strip; the dearest update compares twice")
+    console.print(f"view found again after a gap: {1e3 * min(cost_of_finding() for _ in range(REPEATS)):.0f} ms")
+
+
+def cost_of_finding() -> float:
+    """Seconds to find a view again, a step and a third of the circle on."""
+    config, view = CompassConfig(), scene(1, SHAPE[1], SHAPE[0])
+    after = shifted(seen_from(view, 0.3, 0.8, 1.5), 333.3)
+    strips = [prepare_strip(k, as_bytes(image, NOISE, k), config) for k, image in enumerate((view, after))]
+    return duration(lambda: match_landmarks(*strips, Search(0.0, SHAPE[1], SHAPE[1] / 2)))
 
 
 def bound(image: np.ndarray) -> float:
