@@ -73,7 +73,7 @@ class LeanLog:
 
     def add(self, t_ns: int, up: Vector | None) -> None:
         """Take in the vertical in the robot's frame at a stamp, ns, if it is known."""
-        if up is not None:
+        if up is not None and all(map(math.isfinite, up)):
             self._samples.append((t_ns, up))
 
     def at(self, t_ns: int) -> Vector | None:

@@ -239,7 +239,8 @@ def test_log_of_leans_knows_the_last_before_in_any_order_of_arrival():
     for t in np.random.default_rng(0).permutation(list(leans)).tolist():
         log.add(t, leans[t])
     log.add(2 * 10**9, None)
-    assert log.at(503_000_000) == leans[490_000_000]
+    log.add(495_000_000, (math.nan, 0.0, 1.0))
+    assert log.at(508_000_000) == leans[490_000_000]
     assert log.at(500_000_000) == leans[490_000_000]  # but for what may not have come yet
     assert log.at(1_050_000_000) == leans[990_000_000]
     assert log.at(1_200_000_000) is None
