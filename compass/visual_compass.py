@@ -127,16 +127,13 @@ class VisualCompass:
         if self._keyframe is not self._last and self._lost(match):
             self._move_keyframe()
             match = self._compare(self._keyframe, strip)
-        if self._judge_match(match) is not CompassStatus.OK and self._gap(strip.t_ns):
-            self._sought_ns = strip.t_ns
-            match = match_landmarks(self._keyframe, strip, self._search(self._keyframe, strip))
-            if match.status is CompassStatus.OK:
-                self.status = CompassStatus.FOUND_AGAIN
-                return self._accept(strip, match)
         self.status = self._judge_match(match)
         if self.status is not CompassStatus.OK:
-            self._give_up_keyframe(strip)
-            return None
+            found = self._find_again(self._keyframe, strip)
+            if found is None:
+                self._give_up_keyframe(strip)
+                return None
+            self.status, match = CompassStatus.FOUND_AGAIN, found
         return self._accept(strip, match)
 
     def _backward(self, t_ns: int) -> bool:
@@ -178,11 +175,14 @@ class VisualCompass:
         self._keyframe_leans = self._leans = self._lean_of(strip) or Tilted()
         self._unmatched_since_ns, self._sought_ns = None, strip.t_ns
 
-    def _gap(self, t_ns: int) -> bool:
-        """Whether the last good view is to be sought again: if it is not too young, and not at every image."""
-        if not self.config.find_again or self.config.method != "parallax" or self._last is None:
-            return False
-        return t_ns - max(self._last.t_ns, self._sought_ns) >= SEEK_NS
+    def _find_again(self, keyframe: Strip, strip: Strip) -> Match | None:
+        """Seek the last good view, by now the keyframe, by its corners; not at once, and not at every image."""
+        early = strip.t_ns - max(keyframe.t_ns, self._sought_ns) < SEEK_NS
+        if early or not self.config.find_again or self.config.method != "parallax":
+            return None
+        self._sought_ns = strip.t_ns
+        match = match_landmarks(keyframe, strip, self._search(keyframe, strip))
+        return match if match.status is CompassStatus.OK else None
 
     def _compare(self, keyframe: Strip, strip: Strip) -> Match:
         return METHODS[self.config.method](keyframe, strip, self._search(keyframe, strip))
