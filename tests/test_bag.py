@@ -10,6 +10,7 @@ import pytest
 from tiny_bags import START_NS, TinyBag, TinyDrive, fill
 
 from fusion.offline.bag import Bag, BagError, Message
+from fusion.offline.bag_writer import BagWriter
 from fusion.offline.recording import BagRecording, in_order, read_recording
 from fusion.offline.topics import TopicChoice, TopicRequest, choose_topics
 from fusion.settings import TopicSettings
@@ -158,6 +159,15 @@ def test_topics_nothing_usable_names_what_is_wanted_and_found(tmp_path):
 
 
 # ---------------------------------------------------------------- bad bags
+
+
+def test_folder_named_like_a_ros1_bag_is_refused_with_its_cure(tmp_path):
+    with pytest.raises(BagError, match=r"x\.bag: \.bag is for ROS 1; give a name that ends in \.mcap"):
+        BagWriter(tmp_path / "x.bag")
+    with BagWriter(tmp_path / "x") as bag:
+        bag.write_odometry("/odom", 10**9, 0.1, 0.2)
+    with pytest.raises(BagError, match=r"x\.bag: .*rename it"), Bag((tmp_path / "x").rename(tmp_path / "x.bag")):
+        pass
 
 
 @pytest.mark.parametrize("name", ["x.bag", "x.mcap", "x.db3", "x.txt"])

@@ -83,6 +83,8 @@ class Bag(AbstractContextManager["Bag"]):
             raise BagError(f"{self.path}: no such file; give a .bag, an .mcap, a .db3 or a rosbag2 folder")
         if self.path.is_dir() and not (self.path / "metadata.yaml").exists():
             raise BagError(f"{self.path}: no bag: a rosbag2 folder has a metadata.yaml; give that, or the file in it")
+        if self.path.is_dir() and self.path.suffix == ".bag":
+            raise BagError(f"{self.path}: a rosbag2 folder with the name of a ROS 1 bag; rename it, without .bag")
         self._standard = get_typestore(Stores.ROS1_NOETIC if self.path.suffix == ".bag" else Stores.ROS2_JAZZY)
         self._guarded(_check_sqlite_size, self.path)
         self._reader = self._guarded(self._open)

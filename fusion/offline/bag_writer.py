@@ -14,7 +14,7 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
 from compass.image import Image
-from fusion.offline.bag import COMPRESSED_IMAGE, IMAGE, IMU, ODOMETRY
+from fusion.offline.bag import COMPRESSED_IMAGE, IMAGE, IMU, ODOMETRY, BagError
 from fusion.offline.staging import staged_file
 
 DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
@@ -28,9 +28,16 @@ class BagWriter(AbstractContextManager["BagWriter"]):
     ----------
     path : Path
         A name ending in ``.mcap`` gives that file, any other a rosbag2 folder.
+
+    Raises
+    ------
+    BagError
+        The name ends in ``.bag``, which readers take for ROS 1.
     """
 
     def __init__(self, path: Path) -> None:
+        if path.suffix == ".bag":
+            raise BagError(f"{path}: .bag is for ROS 1; give a name that ends in .mcap, or one for a rosbag2 folder")
         self.path = path
         self._store: Any = get_typestore(Stores.ROS2_JAZZY)
         self._connections: dict[str, Any] = {}
