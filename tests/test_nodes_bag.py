@@ -183,7 +183,8 @@ def yaw_at(t):
 def write_drive(path, seed=3):
     """Three seconds of turning to and fro; images are recorded 60 ms late; the last gyro samples long after all else.
 
-    They come at most 0.9 s apart: one that is a second ahead of all others waits for another to confirm it.
+    The robot leans and sways, by its IMU, so that the compass asks at each image how. The last samples come
+    at most 0.9 s apart: one that is a second ahead of all others waits for another to confirm it.
     """
     rng = np.random.default_rng(seed)
     texture, events = scene(), []
@@ -203,7 +204,9 @@ def write_drive(path, seed=3):
             if kind == "Image":
                 bag.write_jpeg("/viz/pano/image/compressed", t_ns, value)
             elif kind == "gyro":
-                bag.write_imu("/imu/data", t_ns, (0.0, 0.0, value), (1.4, 0.0, 9.7))  # the robot leans
+                pitch = -0.14 + 0.05 * math.sin(12e-9 * t)
+                attitude = (0.0, math.sin(pitch / 2.0), 0.0, math.cos(pitch / 2.0))
+                bag.write_imu("/imu/data", t_ns, (0.0, 0.0, value), (1.4, 0.0, 9.7), attitude)
             else:
                 bag.write_odometry("/odom", t_ns, 0.0, value)
     return START_NS + duration + AFTERWARDS[-1]
