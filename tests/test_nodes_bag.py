@@ -180,20 +180,32 @@ def yaw_at(t):
     return 0.4 * math.sin(1.5 * t)
 
 
+def pitch_at(t):
+    return -0.14 + 0.05 * math.sin(12.0 * t)
+
+
+def swayed(view, pitch):
+    """What a camera sees whose nose went down by so much: the scene rises ahead, and sinks behind."""
+    rows, columns = np.indices(view.shape, np.float32)
+    down = pitch * view.shape[1] / math.tau * np.cos(math.tau * (columns + 0.5) / view.shape[1] - math.pi)
+    return cv2.remap(view, columns, (rows + down).astype(np.float32), cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT)
+
+
 def write_drive(path, seed=3):
     """Three seconds of turning to and fro; images are recorded 60 ms late; the last gyro samples long after all else.
 
-    The robot leans and sways, by its IMU, so that the compass asks at each image how. The last samples come
+    The robot leans and sways, and its IMU tells the compass at each image how. The last samples come
     at most 0.9 s apart: one that is a second ahead of all others waits for another to confirm it.
     """
     rng = np.random.default_rng(seed)
     texture, events = scene(), []
     for k in range(IMAGES):
-        view = panorama(yaw_at(k * IMAGE_NS * 1e-9), texture).astype(float) + rng.normal(0.0, 2.0, texture.shape)
+        t = k * IMAGE_NS * 1e-9
+        view = swayed(panorama(yaw_at(t), texture), pitch_at(t)) + rng.normal(0.0, 2.0, texture.shape)
         jpeg = cv2.imencode(".jpg", np.clip(view, 0, 255).astype(np.uint8))[1].tobytes()
         events.append((k * IMAGE_NS, "Image", jpeg))
     duration = IMAGES * IMAGE_NS
-    for t in [*range(5 * MS, duration, GYRO_NS), *(duration + after for after in AFTERWARDS)]:
+    for t in [*range(-95 * MS, duration, GYRO_NS), *(duration + after for after in AFTERWARDS)]:
         rate = 0.6 * math.cos(1.5 * t * 1e-9) * (t < duration) + 0.01 + rng.normal(0.0, 0.003)
         events.append((t, "gyro", rate))
     for t in range(11 * MS, duration, ODOMETRY_NS):
@@ -204,8 +216,8 @@ def write_drive(path, seed=3):
             if kind == "Image":
                 bag.write_jpeg("/viz/pano/image/compressed", t_ns, value)
             elif kind == "gyro":
-                pitch = -0.14 + 0.05 * math.sin(12e-9 * t)
-                attitude = (0.0, math.sin(pitch / 2.0), 0.0, math.cos(pitch / 2.0))
+                half = 0.5 * pitch_at(1e-9 * t)
+                attitude = (0.0, math.sin(half), 0.0, math.cos(half))
                 bag.write_imu("/imu/data", t_ns, (0.0, 0.0, value), (1.4, 0.0, 9.7), attitude)
             else:
                 bag.write_odometry("/odom", t_ns, 0.0, value)
@@ -242,8 +254,9 @@ def test_live_and_offline_end_on_the_same_fused_yaw(tmp_path):
     offline = fuse_offline(tmp_path / "drive.mcap")
     assert offline.rows[-1].fused.t_ns == last_ns
     expected = fused_odometry(offline.rows[-1].fused, ("odom", "base_link"))
-    all_of_them = {"images": IMAGES, "gyro": offline.gyro.t_ns.size, "tracks": offline.odometry.t_ns.size}
-    assert offline.fusion_counts["compass: in order"] == IMAGES - 1
+    images = 1 + offline.fusion_counts["compass: in order"]  # what is half out of the picture gives no answer
+    all_of_them = {"images": images, "gyro": offline.gyro.t_ns.size, "tracks": offline.odometry.t_ns.size}
+    assert images > 0.8 * IMAGES
     for attempt in range(4):  # under load the node drops a frame, as it should: then the samples are not the same
         log = tmp_path / str(attempt)
         log.mkdir()
