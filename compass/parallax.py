@@ -14,6 +14,7 @@ from dataclasses import dataclass, fields, replace
 from functools import cached_property
 
 import numpy as np
+import numpy.typing as npt
 
 from compass.correlation import Floats, Peak, continuous_peak, pooled_spectrum, signed, upright_spectrum
 from compass.growth import Growth, measure_growth
@@ -50,7 +51,7 @@ PUSHED_PX = 2.0
 UNRELATED_PX = 0.2  # a deviation beyond it: no turn explains the sectors, they show another place
 LEAN_ERROR = 0.045  # of what is known of the camera's lean, rad
 MASKED_ERROR_PX = 0.007  # what the edges of a mask, which stay, leave in all rows pooled
-WORTH_UNDOING = 0.01  # rad of a tilt that an IMU tells of
+WORTH_UNDOING = 0.02  # rad of a tilt that an IMU tells of; smaller ones are its errors as often as not
 ABEAM = 0.02  # cosine below which a growth says nothing
 
 
@@ -113,16 +114,13 @@ def match_parallax(reference: Strip, current: Strip, search: Search) -> Match:
     turned = _match_turn(reference, current, coarse, sectors)
     if turned is not None:
         return turned
-    undone, turn = (0.0, 0.0), coarse.shift_px * 2.0 * np.pi / columns
-    tilt = tilt_between(reference.up, current.up, turn) if reference.up and current.up else undone
-    if np.hypot(*tilt) > WORTH_UNDOING:
-        level = untilted(current, tilt, turn, search.forward_px)
-        better = _sectors(reference, level, coarse)
-        if better.mean_correlation > sectors.mean_correlation:  # else the IMU errs
-            current, sectors, undone = level, better, tilt
+    level = _untilted(reference, current, coarse, sectors, search)
+    if level is None:
+        undone, growth = np.array([0.0, 0.0]), measure_growth(reference, current, sectors, SECTORS, PER_CIRCLE)
+    else:
+        undone, sectors, growth = level
     if sectors.shift_px.size < FEWEST:
         return Match(float(coarse.shift_px), np.inf, max(coarse.correlation, 0.0))
-    growth = measure_growth(reference, current, sectors, SECTORS, PER_CIRCLE)
     left = np.zeros(2) if growth is None else growth.tilt
     evidence = _evidence(sectors, growth, search.forward_px, columns)
     posterior = turn_posterior(evidence)
@@ -130,8 +128,29 @@ def match_parallax(reference: Strip, current: Strip, search: Search) -> Match:
     variance = posterior.variance_px2 + _left_out(posterior.mean_px, spread, left, columns) ** 2
     status = CompassStatus.LOW_CONFIDENCE if variance > UNRELATED_PX**2 else coarse.status
     shift = float(signed(posterior.mean_px, columns))
-    tilt = undone[0] + float(left[0]), undone[1] + float(left[1])
-    return Match(shift, variance, _confidence(sectors), status, spread, tilt)
+    tilt_x, tilt_y = (undone + left).tolist()
+    return Match(shift, variance, _confidence(sectors), status, spread, (tilt_x, tilt_y))
+
+
+def _untilted(
+    reference: Strip, current: Strip, coarse: CoarseShift, sectors: SectorShifts, search: Search
+) -> tuple[npt.NDArray[np.float64], SectorShifts, Growth | None] | None:
+    """Tilt an IMU tells of, rad, and sectors and growth of the view without it; None where it is better as it is."""
+    if reference.up is None or current.up is None:
+        return None
+    turn = coarse.shift_px * 2.0 * np.pi / reference.columns
+    tilt = tilt_between(reference.up, current.up, turn)
+    if np.hypot(*tilt) < WORTH_UNDOING:
+        return None
+    level = untilted(current, tilt, turn, search.forward_px)
+    better = _sectors(reference, level, coarse)
+    if better.mean_correlation <= sectors.mean_correlation:
+        return None
+    growth = measure_growth(reference, level, better, SECTORS, PER_CIRCLE)
+    undone = np.array(tilt)
+    if growth is not None and np.hypot(*growth.tilt) > np.hypot(*(undone + growth.tilt)):
+        return None  # the more so as the view tells of a smaller tilt
+    return undone, better, growth
 
 
 def _sectors(reference: Strip, current: Strip, coarse: CoarseShift) -> SectorShifts:

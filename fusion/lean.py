@@ -11,6 +11,7 @@ from collections import deque
 from dataclasses import dataclass
 
 from compass.attitude import Tilted, Vector
+from fusion.samples import GyroSample
 
 LEAN_ERROR = 0.02  # rad, of roll and pitch as IMUs tell them
 LATELY = 2000  # samples that are remembered, of a fast gyro those of two seconds
@@ -65,22 +66,29 @@ class BiasGain:
         return abs(self.own - other.own) + abs(self.cross - other.cross) > NOTICED
 
 
+def up_later(up: Vector, rate: float, seconds: float) -> Vector:
+    """The vertical in the frame of a robot that goes on turning about its own axis, by `rate` rad/s."""
+    cosine, sine = math.cos(rate * seconds), math.sin(rate * seconds)
+    return cosine * up[0] + sine * up[1], cosine * up[1] - sine * up[0], up[2]
+
+
 class LeanLog:
     """How the robot leant lately, written by one thread and read by another."""
 
     def __init__(self) -> None:
-        self._samples: deque[tuple[int, Vector]] = deque(maxlen=LATELY)
+        self._samples: deque[tuple[int, Vector, float]] = deque(maxlen=LATELY)
 
-    def add(self, t_ns: int, up: Vector | None) -> None:
-        """Take in the vertical in the robot's frame at a stamp, ns, if it is known."""
-        if up is not None and all(map(math.isfinite, up)):
-            self._samples.append((t_ns, up))
+    def add(self, sample: GyroSample) -> None:
+        """Take in what a sample says of the vertical, if it says anything."""
+        if sample.up is not None and all(map(math.isfinite, (*sample.up, sample.yaw_rate))):
+            self._samples.append((sample.t_ns, sample.up, sample.yaw_rate))
 
     def at(self, t_ns: int) -> Vector | None:
-        """The vertical of the last sample before a stamp, ns, but for `LATEST_NS`; None where none was near."""
+        """The vertical at a stamp, ns, from the last sample before it but for `LATEST_NS`; None where none was near."""
         latest_ns = t_ns - LATEST_NS
         before = (sample for sample in list(self._samples) if latest_ns - NEAR_NS <= sample[0] <= latest_ns)
-        return max(before, default=(0, None))[1]
+        found = max(before, default=None)
+        return found and up_later(found[1], found[2], (t_ns - found[0]) * 1e-9)
 
     def clear(self) -> None:
         """Forget all."""

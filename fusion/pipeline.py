@@ -175,7 +175,7 @@ class YawPipeline:
     def add(self, sample: Sample) -> bool:
         """Feed a gyro or odometry sample (or an increment made elsewhere)."""
         if isinstance(sample, GyroSample):
-            self.leans.add(sample.t_ns, sample.up)
+            self.leans.add(sample)
         return self.fusion.add(sample)
 
     def estimate(self) -> YawEstimate | None:

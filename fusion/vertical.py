@@ -26,8 +26,9 @@ _YOUNG = 3.0  # s; from less a start would be taken for a bias
 _LONGEST_STEP_NS = 500_000_000  # over a longer silence the turn is unknown: gravity alone decides
 _TELLING = 0.5  # rad of turning that tell the robot's own axis
 # how near to the vertical (cosine) an axis of the IMU begins that is taken for the robot's own, and the turning (rad)
-# that this counts for: much on level ground; little if it is a slope, or an IMU pitched on purpose
-_ALIGNED = ((math.cos(math.radians(10.0)), _TELLING), (math.cos(math.radians(35.0)), 0.1))
+# that this counts for: much on level ground, as bumps turn the robot about other axes, too; little if it is a slope, or
+# an IMU pitched on purpose
+_ALIGNED = ((math.cos(math.radians(10.0)), 2.0), (math.cos(math.radians(35.0)), 0.1))
 _TURNING = 0.3  # rad/s; slower, and the gyro's bias counts
 _MOSTLY = 0.7  # of the rate is about the vertical when a robot turns; else it tips over an edge
 

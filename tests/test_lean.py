@@ -237,12 +237,20 @@ def test_log_of_leans_knows_the_last_before_in_any_order_of_arrival():
     log, leans = LeanLog(), {t: (0.0, math.sin(t * 1e-9), math.cos(t * 1e-9)) for t in range(0, 10**9, 10**7)}
     assert log.at(0) is None
     for t in np.random.default_rng(0).permutation(list(leans)).tolist():
-        log.add(t, leans[t])
-    log.add(2 * 10**9, None)
-    log.add(495_000_000, (math.nan, 0.0, 1.0))
+        log.add(GyroSample(t, 0.0, up=leans[t]))
+    log.add(GyroSample(2 * 10**9, 0.0))
+    log.add(GyroSample(495_000_000, 0.0, up=(math.nan, 0.0, 1.0)))
     assert log.at(508_000_000) == leans[490_000_000]
     assert log.at(500_000_000) == leans[490_000_000]  # but for what may not have come yet
     assert log.at(1_050_000_000) == leans[990_000_000]
     assert log.at(1_200_000_000) is None
     log.clear()
     assert log.at(0) is None
+
+
+def test_log_of_leans_knows_how_the_robot_has_turned_since():
+    slope, log = Rotation.from_euler("y", 25.0, degrees=True), LeanLog()
+    for t in range(0, 10**9, 10**7):
+        log.add(GyroSample(t, 0.8, up=up_of(slope * Rotation.from_euler("z", 0.8e-9 * t))))
+    for t in (400_000_000, 405_000_000, 1_080_000_000):
+        assert log.at(t) == pytest.approx(up_of(slope * Rotation.from_euler("z", 0.8e-9 * t)), abs=1e-12)

@@ -17,7 +17,7 @@ import numpy.typing as npt
 from compass.attitude import Vector
 from compass.errors import ImageError
 from compass.image import Image
-from fusion.lean import LATEST_NS, NEAR_NS
+from fusion.lean import LATEST_NS, NEAR_NS, up_later
 from fusion.messages import MessageError, image_of, imu_reading, odometry_sample
 from fusion.offline.bag import Bag, BagError, Message, Topic
 from fusion.offline.decode import decode_ahead
@@ -63,8 +63,9 @@ class GyroTrack:
         before = int(np.searchsorted(self.t_ns, t_ns - LATEST_NS, side="right")) - 1
         if before < 0 or int(self.t_ns[before]) < t_ns - LATEST_NS - NEAR_NS:
             return None
-        up: list[float] = self.up[before].tolist()
-        return None if math.isnan(up[0]) else (up[0], up[1], up[2])
+        x, y, z = self.up[before].tolist()
+        seconds = (t_ns - int(self.t_ns[before])) * 1e-9
+        return None if math.isnan(x) else up_later((x, y, z), float(self.yaw_rate[before]), seconds)
 
     def samples(self) -> Iterator[GyroSample]:
         """One by one, for the filter."""
