@@ -26,9 +26,9 @@ _YOUNG = 3.0  # s; from less a start would be taken for a bias
 _LONGEST_STEP_NS = 500_000_000  # over a longer silence the turn is unknown: gravity alone decides
 _TELLING = 0.5  # rad of turning that tell the robot's own axis
 # how near to the vertical (cosine) an axis of the IMU begins that is taken for the robot's own, and the turning (rad)
-# that this counts for: much on level ground, as bumps turn the robot about other axes, too; little if it is a slope, or
-# an IMU pitched on purpose
-_ALIGNED = ((math.cos(math.radians(10.0)), 2.0), (math.cos(math.radians(35.0)), 0.1))
+# that this counts for: within 10 deg it is mounted right to 2 deg, and bumps of 6 deg turn the robot about other axes
+# by 0.1 rad in all; it counts for little if it is a slope, or an IMU pitched on purpose
+_ALIGNED = ((math.cos(math.radians(10.0)), 0.1 / math.radians(2.0)), (math.cos(math.radians(35.0)), 0.1))
 _TURNING = 0.3  # rad/s; slower, and the gyro's bias counts
 _MOSTLY = 0.7  # of the rate is about the vertical when a robot turns; else it tips over an edge
 
@@ -77,7 +77,7 @@ class ImuLevel:
         self._drift: Vector = (0.0, 0.0, 0.0)  # bias of the gyro across the vertical, rad/s
         self._t_ns: int | None = None
         self._turned: Vector = (0.0, 0.0, 0.0)  # all turning, to the right taken for to the left, rad
-        self._needed = math.inf  # of it, before it tells the robot's own axis
+        self._aligned: Vector | None = None  # axis of the IMU taken for the robot's own, times what it counts, squared
         self.up: Vector | None = _AXES.get(self.config.up)
         self.source = self.config.up if self.up else "none"
 
@@ -158,11 +158,10 @@ class ImuLevel:
         """Note about which axis the robot turns."""
         if self.up is None or self.config.up in _AXES:
             return
-        if self._needed == math.inf:
+        if self._aligned is None:
             cosine, (x, y, z) = max((_dot(axis, self.up), axis) for axis in _AXES.values())
             counts = next((counts for near, counts in _ALIGNED if cosine >= near), 0.0)
-            self._turned = counts * x, counts * y, counts * z
-            self._needed = counts or _TELLING
+            self._aligned = counts**2 * x, counts**2 * y, counts**2 * z
         turning = _dot(self.up, rate)
         if abs(turning) < max(_TURNING, _MOSTLY * math.sqrt(_dot(rate, rate))) or not 0 < step_ns <= _LONGEST_STEP_NS:
             return
@@ -172,10 +171,13 @@ class ImuLevel:
 
     def _robot_axes(self) -> tuple[Vector, Vector, Vector] | None:
         """The robot's axes in the IMU's frame; None while it is not known how the IMU is mounted."""
-        along, length = self._forward, math.sqrt(_dot(self._turned, self._turned))
-        if along is None or length < self._needed:
+        along, aligned = self._forward, self._aligned
+        if along is None or aligned is None:
             return None
-        z = self._turned[0] / length, self._turned[1] / length, self._turned[2] / length
+        turned = math.sqrt(_dot(self._turned, self._turned))  # its direction errs by one over that
+        z = _unit([one + turned * other for one, other in zip(aligned, self._turned, strict=True)])
+        if z is None or (turned < _TELLING and not any(aligned)):
+            return None
         y = _unit(_cross(z, along))
         return (_cross(y, z), y, z) if y else None
 
