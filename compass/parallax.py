@@ -14,7 +14,6 @@ from dataclasses import dataclass, fields, replace
 from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
 
 from compass.correlation import Floats, Peak, continuous_peak, pooled_spectrum, signed, upright_spectrum
 from compass.growth import Growth, measure_growth
@@ -114,28 +113,51 @@ def match_parallax(reference: Strip, current: Strip, search: Search) -> Match:
     turned = _match_turn(reference, current, coarse, sectors)
     if turned is not None:
         return turned
-    level = _untilted(reference, current, coarse, sectors, search)
-    if level is None:
-        undone, growth = np.array([0.0, 0.0]), measure_growth(reference, current, sectors, SECTORS, PER_CIRCLE)
-    else:
-        undone, sectors, growth = level
-    if sectors.shift_px.size < FEWEST:
+    view = _untilted(reference, current, coarse, sectors, search) or _view(reference, current, sectors)
+    if view is None:
         return Match(float(coarse.shift_px), np.inf, max(coarse.correlation, 0.0))
-    left = np.zeros(2) if growth is None else growth.tilt
-    evidence = _evidence(sectors, growth, search.forward_px, columns)
+    evidence = _evidence(view, search.forward_px, columns)
     posterior = turn_posterior(evidence)
     spread = _quantile(np.abs(evidence.shift_px - posterior.mean_px), 0.75)
-    variance = posterior.variance_px2 + _left_out(posterior.mean_px, spread, left, columns) ** 2
+    variance = posterior.variance_px2 + _left_out(posterior.mean_px, spread, view.tilt_left, columns) ** 2
     status = CompassStatus.LOW_CONFIDENCE if variance > UNRELATED_PX**2 else coarse.status
     shift = float(signed(posterior.mean_px, columns))
-    tilt_x, tilt_y = (undone + left).tolist()
-    return Match(shift, variance, _confidence(sectors), status, spread, (tilt_x, tilt_y))
+    tilt_x, tilt_y = view.tilt.tolist()
+    return Match(shift, variance, _confidence(view.sectors), status, spread, (tilt_x, tilt_y))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _View:
+    """What the current strip shows, after a tilt has been `undone`, (2,) rad, that an IMU tells of."""
+
+    sectors: SectorShifts
+    growth: Growth | None
+    undone: Floats
+
+    @property
+    def tilt_left(self) -> Floats:
+        """(2,) what is left of the tilt, rad."""
+        return np.zeros(2) if self.growth is None else self.growth.tilt
+
+    @property
+    def tilt(self) -> Floats:
+        """(2,) all of it, rad."""
+        return self.undone + self.tilt_left
+
+
+def _view(
+    reference: Strip, current: Strip, sectors: SectorShifts, undone: tuple[float, float] = (0.0, 0.0)
+) -> _View | None:
+    """None where too few sectors have an answer."""
+    if sectors.shift_px.size < FEWEST:
+        return None
+    return _View(sectors, measure_growth(reference, current, sectors, SECTORS, PER_CIRCLE), np.array(undone))
 
 
 def _untilted(
     reference: Strip, current: Strip, coarse: CoarseShift, sectors: SectorShifts, search: Search
-) -> tuple[npt.NDArray[np.float64], SectorShifts, Growth | None] | None:
-    """Tilt an IMU tells of, rad, and sectors and growth of the view without it; None where it is better as it is."""
+) -> _View | None:
+    """The view without the tilt that an IMU tells of; None where there is none, or the IMU errs."""
     if reference.up is None or current.up is None:
         return None
     turn = coarse.shift_px * 2.0 * np.pi / reference.columns
@@ -146,11 +168,8 @@ def _untilted(
     better = _sectors(reference, level, coarse)
     if better.mean_correlation <= sectors.mean_correlation:
         return None
-    growth = measure_growth(reference, level, better, SECTORS, PER_CIRCLE)
-    undone = np.array(tilt)
-    if growth is not None and np.hypot(*growth.tilt) > np.hypot(*(undone + growth.tilt)):
-        return None  # the more so as the view tells of a smaller tilt
-    return undone, better, growth
+    view = _view(reference, level, better, tilt)
+    return view if view is not None and np.hypot(*view.tilt_left) <= np.hypot(*view.tilt) else None
 
 
 def _sectors(reference: Strip, current: Strip, coarse: CoarseShift) -> SectorShifts:
@@ -193,8 +212,9 @@ def _left_out(turn_px: float, spread_px: float, tilt: Floats, columns: int) -> f
     return float(np.hypot(CURVE_ERROR_PX * turning, leaning))
 
 
-def _evidence(sectors: SectorShifts, growth: Growth | None, forward_px: float, columns: int) -> SectorEvidence:
+def _evidence(view: _View, forward_px: float, columns: int) -> SectorEvidence:
     """Sectors with the tilt's share taken out of their shifts."""
+    sectors, growth = view.sectors, view.growth
     azimuth: Floats = -2.0 * np.pi * (sectors.centre_px - forward_px) / columns
     shift: Floats
     noise: Floats

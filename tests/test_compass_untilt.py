@@ -10,6 +10,8 @@ from scipy.spatial.transform import Rotation
 
 from compass import CompassConfig, VisualCompass
 from compass.mask import RobotMask
+from compass.match import Search
+from compass.parallax import match_parallax
 from compass.strip import prepare_strip
 from compass.untilt import tilt_between, untilted
 
@@ -130,3 +132,11 @@ def test_view_of_another_width_is_untilted_all_the_same():
     expected = prepare_strip(0, as_bytes(small), config)
     inner = slice(5, -5)
     assert np.std((moved.pixels - expected.pixels)[inner]) < 0.35 * np.std((seen.pixels - expected.pixels)[inner])
+
+
+@pytest.mark.parametrize("up", [None, LEVEL, up_of(Rotation.from_euler("y", 0.1))], ids=["unknown", "level", "pitched"])
+def test_nothing_in_common_is_no_turn_whatever_the_imu_tells(up):
+    config, some = CompassConfig(), as_bytes(scene(0, WIDTH, HEIGHT))
+    reference = prepare_strip(0, some, config, up=LEVEL)
+    current = prepare_strip(1, np.zeros_like(some), config, up=up)
+    assert match_parallax(reference, current, Search(0.0, WIDTH, WIDTH / 2)).variance_px2 == math.inf
