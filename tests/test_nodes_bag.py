@@ -181,7 +181,7 @@ def yaw_at(t):
 
 
 def pitch_at(t):
-    return -0.14 + 0.05 * math.sin(12.0 * t)
+    return -0.14 + 0.03 * math.sin(12.0 * t)
 
 
 def swayed(view, pitch):
