@@ -24,6 +24,7 @@ from compass.two_views import NEAR, Motion, evidence, find_motion, misses
 Indices = npt.NDArray[np.intp]
 
 DETECTOR = (1000, 1.2, 5, 15, 0, 2, cv2.ORB_HARRIS_SCORE, 31, 8)  # so many corners of five sizes; larger ones err
+SMALLEST = 32  # rows and columns: a corner's surroundings
 PAD = 40  # columns repeated beyond the seam: half a corner's surroundings at the largest size
 RATIO = 0.8  # of the distance to the second nearest descriptor; nearer ones are no match
 FEWEST = 16  # matches; fewer are no evidence
@@ -87,11 +88,14 @@ def _rivalled(motion: Motion, nats: float, before: Landmarks, after: Landmarks, 
 @lru_cache(maxsize=2)
 def landmarks_of(strip: Strip, forward_px: float) -> Landmarks:
     """Corners of the world in a strip that can be told apart."""
+    nothing = Landmarks(np.empty((0, 3)), np.empty((0, 32), np.uint8))
+    if min(strip.pixels.shape) < SMALLEST:
+        return nothing
     grey = np.clip(np.rint(strip.pixels + strip.means), 0, 255).astype(np.uint8)
     around = cv2.copyMakeBorder(grey, 0, 0, PAD, PAD, cv2.BORDER_WRAP)
     corners, descriptors = cv2.ORB.create(*DETECTOR).detectAndCompute(around, None)
     if descriptors is None:
-        return Landmarks(np.empty((0, 3)), np.empty((0, 32), np.uint8))
+        return nothing
     column, row = np.array([corner.pt for corner in corners]).T - [[PAD], [0.0]]
     inside = (column >= -0.5) & (column < strip.columns - 0.5)  # each once
     if strip.seen is not None:

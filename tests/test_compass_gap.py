@@ -129,6 +129,14 @@ def test_nothing_to_see_is_no_answer():
         assert match_landmarks(*pair, ANYWHERE).status is CompassStatus.LOW_CONFIDENCE
 
 
+@pytest.mark.parametrize("shape", [(1, 1), (2, 5), (8, 31), (3, 600), (110, 220), (500, 3), (1, 1024)])
+def test_views_of_any_size_give_an_answer_or_none(shape):
+    images = np.random.default_rng(0).integers(0, 255, (2, *shape), np.uint8)
+    for config in (CompassConfig(), CompassConfig(roi_top=0.0, roi_bottom=1.0)):
+        strips = [prepare_strip(k, image, config) for k, image in enumerate(images)]
+        assert match_landmarks(*strips, ANYWHERE).status is CompassStatus.LOW_CONFIDENCE
+
+
 def test_corners_of_the_robot_are_no_landmarks():
     robot = np.zeros((HEIGHT, WIDTH), bool)
     robot[:, 300:420] = True
