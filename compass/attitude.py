@@ -67,6 +67,12 @@ class Tilted:
         return Tilted(_rotation(*rotation.tolist()))
 
 
+def about_z(vector: Vector, angle: float) -> Vector:
+    """A vector rotated about the z axis by an angle, rad."""
+    cosine, sine = math.cos(angle), math.sin(angle)
+    return cosine * vector[0] - sine * vector[1], sine * vector[0] + cosine * vector[1], vector[2]
+
+
 def beyond_error(up: Vector, sigma: float) -> Vector:
     """The vertical of a robot that leans so much less that level ground, seen with errors of `sigma` (rad), is level.
 

@@ -12,6 +12,7 @@ from operator import attrgetter
 
 import numpy as np
 
+from compass.angles import wrap_angle
 from compass.correlation import Floats
 
 DRAWS = 150  # pairs of directions; each gives two turns, and travel ahead or back
@@ -54,7 +55,7 @@ class Motion:
     @property
     def turn(self) -> float:
         """In [-pi, pi), rad."""
-        return float((self.states[0, 0] + np.pi) % (2.0 * np.pi) - np.pi)
+        return wrap_angle(float(self.states[0, 0]))
 
     @property
     def tilt_x(self) -> float:

@@ -11,7 +11,7 @@ import math
 import cv2
 import numpy as np
 
-from compass.attitude import Vector
+from compass.attitude import Vector, about_z
 from compass.mask import Seen
 from compass.strip import Pixels, Strip
 
@@ -29,16 +29,14 @@ def tilt_between(before: Vector, now: Vector, turn: float) -> tuple[float, float
     turn : float
         Of the camera about its own z axis, rad, to the left.
     """
-    cosine, sine = math.cos(turn), math.sin(turn)
-    x, y = cosine * now[0] - sine * now[1], sine * now[0] + cosine * now[1]
+    x, y, z = about_z(now, turn)
     aside_x, aside_y = x - before[0], y - before[1]
     aside = math.hypot(aside_x, aside_y)
     if aside < 1e-12:
         return 0.0, 0.0
     along_x, along_y = aside_x / aside, aside_y / aside
-    angle = math.atan2(x * along_x + y * along_y, now[2]) - math.atan2(
-        before[0] * along_x + before[1] * along_y, before[2]
-    )
+    angle = math.atan2(x * along_x + y * along_y, z)
+    angle -= math.atan2(before[0] * along_x + before[1] * along_y, before[2])
     return -angle * along_y, angle * along_x
 
 
@@ -54,9 +52,8 @@ def untilted(strip: Strip, tilt: tuple[float, float], turn: float, forward_px: f
     forward_px : float
         Column that looks along +x.
     """
-    cosine, sine = math.cos(turn), math.sin(turn)
-    here = np.array([cosine * tilt[0] + sine * tilt[1], cosine * tilt[1] - sine * tilt[0], 0.0])
-    aside, down = _ways(strip, np.asarray(cv2.Rodrigues(here)[0], np.float64), forward_px)
+    now = np.array(about_z((*tilt, 0.0), -turn))
+    aside, down = _ways(strip, np.asarray(cv2.Rodrigues(now)[0], np.float64), forward_px)
     rows, columns = strip.pixels.shape
     margin = math.ceil(float(np.abs(aside).max())) + 1
     aside += np.arange(margin, margin + columns, dtype=np.float32)

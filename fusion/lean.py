@@ -10,7 +10,7 @@ import math
 from collections import deque
 from dataclasses import dataclass
 
-from compass.attitude import Tilted, Vector
+from compass.attitude import Tilted, Vector, about_z
 from fusion.samples import GyroSample
 
 LEAN_ERROR = 0.02  # rad, of roll and pitch as IMUs tell them
@@ -68,8 +68,7 @@ class BiasGain:
 
 def up_later(up: Vector, rate: float, seconds: float) -> Vector:
     """The vertical in the frame of a robot that goes on turning about its own axis, by `rate` rad/s."""
-    cosine, sine = math.cos(rate * seconds), math.sin(rate * seconds)
-    return cosine * up[0] + sine * up[1], cosine * up[1] - sine * up[0], up[2]
+    return about_z(up, -rate * seconds)
 
 
 class LeanLog:
