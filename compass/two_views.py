@@ -7,7 +7,7 @@ the motions that most directions obey are refined.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from operator import attrgetter
 
 import numpy as np
@@ -16,9 +16,9 @@ from compass.angles import wrap_angle
 from compass.correlation import Floats
 
 DRAWS = 150  # pairs of directions; each gives two turns, and travel ahead or back
-COUNTED = 300  # directions that judge what was drawn
+COUNTED = 200  # directions that judge what was drawn
 ROUGH = np.deg2rad(4.0)  # by which one may miss a motion that was drawn: the camera may lean otherwise than before
-STARTS = 3  # best motions that are refined, with turns so far apart:
+STARTS = 6  # best motions that are refined, with turns so far apart from each other and from what was found:
 APART = np.deg2rad(4.0)
 RIVAL = np.deg2rad(45.0)  # a turn so far away is another answer
 WIDTHS = np.deg2rad([6.0, 3.0, 1.5, 0.75])  # of what counts while a motion is refined
@@ -79,17 +79,28 @@ def find_motion(seen: Floats, again: Floats, besides: float | None = None) -> Mo
         A turn, rad, to keep `RIVAL` away from.
     """
     drawn = _drawn(seen, again)
-    counted = np.random.default_rng(2).permutation(len(seen))[:COUNTED]
-    miss = misses(drawn, seen[counted].astype(np.float32), again[counted].astype(np.float32))
+    some = np.random.default_rng(2).permutation(len(seen))[:COUNTED]
+    seen_some, again_some = seen[some], again[some]
+    miss = misses(drawn, seen_some.astype(np.float32), again_some.astype(np.float32))
     support = np.maximum(1.0 - miss / ROUGH**2, 0.0).sum(axis=1)
     if besides is not None:
         support[np.cos(drawn[:, 0] - besides) > np.cos(RIVAL)] = -1.0
     tried = []
     for _ in range(STARTS):
         start = drawn[support.argmax()]
-        support[np.cos(drawn[:, 0] - start[0]) > np.cos(APART)] = -1.0
-        tried.append(_refined(start, seen, again))
-    return max(tried, key=attrgetter("obeyed"))
+        tried.append(_refined(start, seen_some, again_some))
+        for turn in start[0], tried[-1].turn:
+            support[np.cos(drawn[:, 0] - turn) > np.cos(APART)] = -1.0
+    likeliest = max(tried, key=attrgetter("obeyed"))
+    doubt = max(_doubt(likeliest, other) for other in tried)
+    best = _refined(likeliest.states[0], seen, again)
+    return replace(best, variance=best.variance + doubt)
+
+
+def _doubt(best: Motion, other: Motion) -> float:
+    """Variance of a turn that, as the odds of what obeys them are, could be another one, rad^2."""
+    odds = np.exp(INDEPENDENT * (other.obeyed - best.obeyed))
+    return float(odds / (1.0 + odds) * wrap_angle(other.turn - best.turn) ** 2)
 
 
 def _drawn(seen: Floats, again: Floats) -> Floats:

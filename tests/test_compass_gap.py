@@ -62,6 +62,15 @@ def test_tilt_of_the_camera_is_told_from_its_turn(tilt_deg):
         assert (motion.tilt_x, motion.tilt_y) == pytest.approx(tilt, abs=math.radians(0.7))
 
 
+@pytest.mark.parametrize(("turns", "step"), [((0.5, 0.8), 0.0), ((0.5, 2.5), 1.0)])
+def test_turn_that_could_as_well_be_another_one_is_doubted(turns, step):
+    for seed in range(4):
+        halves = (directions(seed, turn, step, mistaken=0.0, count=100) for turn in turns)
+        motion = find_motion(*map(np.concatenate, zip(*halves, strict=True)))
+        assert motion.turn == pytest.approx(min(turns, key=lambda turn: abs(turn - motion.turn)), abs=0.01)
+        assert math.sqrt(motion.variance) > 0.4 * (turns[1] - turns[0])
+
+
 def test_directions_that_belong_together_are_evidence_and_others_are_not():
     for seed in range(10):
         seen, again = directions(seed, 2.0)
