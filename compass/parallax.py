@@ -4,8 +4,9 @@ When the camera moves by a step t in direction phi, a point at azimuth a and dis
 ``-rho sin(a - phi)`` beside the turn, ``rho = t / d``: nothing ahead and behind, one sign on the left, the other on the
 right, and never the wrong sign, because distances are positive. And it grows by ``rho cos(a - phi)``, as by no turn.
 Each sector's shift is therefore the turn, plus noise, plus a push of known sign whose size its growth tells, or, abeam
-where nothing grows, the size that pushes typically have. The direction and the typical size are unknown: every
-combination of a grid is a hypothesis, among them that of no push at all, and the turn's posterior is the sum over them.
+where nothing grows, the size that pushes typically have. The direction, most likely along the robot's x, and the
+typical size are unknown: every combination of a grid is a hypothesis, among them that of no push at all, and the turn's
+posterior is the sum over them.
 """
 
 from __future__ import annotations
@@ -30,7 +31,9 @@ FEWEST = 8  # of them with an answer, or there is none
 PER_CIRCLE = 32.0  # Hann windows of 11 deg, half as far apart
 AGREED = 1.5  # deviations: three sectors of four this near to all of them together saw nothing but a turn
 COARSE = 16  # directions of travel that are tried first
-FINE = 2.0 * np.pi / 64 * np.arange(-3, 4)  # and then about the best of them, rad
+FINE = 2.0 * np.pi / 128 * np.arange(-4, 5)  # and then about the best of them, rad
+ALONG = 0.05  # rad by which a robot that drives along its x, ahead or back, slips aside or its camera looks
+ALONG_ODDS = 25.0  # that it does so
 SCALES_PX = np.array([0.1, 0.3, 1.0, 3.0, 10.0], np.float32)  # typical pushes that are tried
 GROWTH_ERROR = 0.3  # of a growth itself: the parts of a sector lie at several distances
 GROWTH_FLOOR_PX = 0.1
@@ -117,7 +120,7 @@ def match_parallax(reference: Strip, current: Strip, search: Search) -> Match:
     if view is None:
         return Match(float(coarse.shift_px), np.inf, max(coarse.correlation, 0.0))
     evidence = _evidence(view, search.forward_px, columns)
-    posterior = turn_posterior(evidence)
+    posterior = turn_posterior(evidence, coarse.shift_px * np.pi / columns)
     spread = _quantile(np.abs(evidence.shift_px - posterior.mean_px), 0.75)
     variance = posterior.variance_px2 + _left_out(posterior.mean_px, spread, view.tilt_left, columns) ** 2
     status = CompassStatus.LOW_CONFIDENCE if variance > UNRELATED_PX**2 else coarse.status
@@ -235,15 +238,22 @@ def _quantile(values: Floats, share: float) -> float:
     return float(np.sort(values)[int(share * (values.size - 1) + 0.5)])
 
 
-def turn_posterior(sectors: SectorEvidence) -> Posterior:
-    """Posterior of the turn from the shifts and growths of sectors, on a grid that closes in on it."""
+def turn_posterior(sectors: SectorEvidence, chord: float) -> Posterior:
+    """Posterior of the turn from the shifts and growths of sectors, on a grid that closes in on it.
+
+    Parameters
+    ----------
+    chord : float
+        Where a robot drives to, or comes from, that follows its x while it turns: to the left by half the turn, rad.
+    """
     low, high = _quantile(sectors.shift_px, 0.03) - 0.3, _quantile(sectors.shift_px, 0.97) + 0.3
-    sectors, directions, scales, low, high = _roughly(sectors, low, high)
+    sectors, directions, scales, low, high = _roughly(sectors, chord, low, high)
     while True:
         grid, step = _grid(low, high, GRID)
         residual = (sectors.shift_px - grid[:, None]).astype(np.float32)
         typical = _log_typical(sectors, directions, scales, residual)
         pushed = _log_likelihood_pushed(sectors, directions, scales, residual, typical)
+        pushed += _log_along(directions - chord)[:, None, None]
         likelihood = np.vstack([_log_likelihood_unpushed(sectors, residual), pushed.reshape(-1, GRID)])
         weight = np.exp(likelihood - likelihood.max()).sum(axis=0, dtype=np.float64)
         weight /= weight.sum()
@@ -258,16 +268,19 @@ def turn_posterior(sectors: SectorEvidence) -> Posterior:
         low, high = best - 3.0 * step, best + 3.0 * step
 
 
-def _roughly(sectors: SectorEvidence, low: float, high: float) -> tuple[SectorEvidence, Floats, Pixels, float, float]:
+def _roughly(
+    sectors: SectorEvidence, chord: float, low: float, high: float
+) -> tuple[SectorEvidence, Floats, Pixels, float, float]:
     """What every other sector says: whether growths are of use, directions, scales and turns worth a closer look."""
-    directions = 2.0 * np.pi / COARSE * np.arange(COARSE)
+    directions = chord + 2.0 * np.pi / COARSE * np.arange(COARSE)
     grid, step = _grid(low, high, ROUGH_GRID)
     asked = sectors.every_other()
     asked = replace(asked, sigma_px=np.hypot(asked.sigma_px, np.float32(BLUNT * step)))
     residual = (asked.shift_px - grid[:, None]).astype(np.float32)
     typical = _log_typical(asked, directions, SCALES_PX, residual)
-    flat = _log_likelihood_flat(asked, typical) + FLAT
-    pushed = _log_likelihood_pushed(asked, directions, SCALES_PX, residual, typical)
+    along = _log_along(directions - chord)[:, None, None]
+    flat = _log_likelihood_flat(asked, typical) + FLAT + along
+    pushed = _log_likelihood_pushed(asked, directions, SCALES_PX, residual, typical) + along
     if flat.max() > pushed.max():
         sectors, pushed = sectors.without_growth(), flat
     unpushed = _log_likelihood_unpushed(asked, residual)
@@ -275,6 +288,12 @@ def _roughly(sectors: SectorEvidence, low: float, high: float) -> tuple[SectorEv
     direction, scale = np.unravel_index(int(pushed.max(axis=2).argmax()), pushed.shape[:2])
     near = SCALES_PX[max(scale - 1, 0) : scale + 2]
     return sectors, directions[direction] + FINE, near, best - 2.0 * step, best + 2.0 * step
+
+
+def _log_along(aside: Floats) -> Pixels:
+    """Log-odds of directions of travel, so far from the robot's chord, rad: along it rather than any other way."""
+    off = np.arcsin(np.sin(aside))
+    return _single(np.log1p(ALONG_ODDS * np.exp(-0.5 * (off / ALONG) ** 2)))
 
 
 def _grid(low: float, high: float, count: int) -> tuple[Floats, float]:

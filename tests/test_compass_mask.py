@@ -46,9 +46,10 @@ def faint(seed=0, height=128):
 
 
 def turn_px(image, columns, mask, method):
+    """Of the camera, as the compass has it; None where it has no answer."""
     images = [as_bytes(with_masts(shifted(image, shift)), 1.0, seed) for seed, shift in enumerate((0.0, columns))]
-    compass = VisualCompass(CompassConfig(method=method, mask=mask, roi_top=0.0, roi_bottom=1.0))
-    return compare(compass, *images).yaw * WIDTH / math.tau
+    increment = show(VisualCompass(CompassConfig(method=method, mask=mask, roi_top=0.0, roi_bottom=1.0)), *images)
+    return increment and increment.yaw * WIDTH / math.tau
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -58,7 +59,8 @@ def test_masked_masts_do_not_hold_a_turn_back(masts, method, columns):
     tolerance = 0.55 if method == "rows" else 0.05
     assert turn_px(faint(), columns, masts, method) == pytest.approx(columns, abs=tolerance)
     if method == "rows" or abs(columns) > REACH_PX:  # without a mask they do, where sectors look about the coarse shift
-        assert abs(turn_px(faint(), columns, "", method)) < 0.5 * abs(columns)
+        held_back = turn_px(faint(), columns, "", method)
+        assert held_back is None or abs(held_back) < 0.5 * abs(columns)
 
 
 @pytest.mark.parametrize("distance", [4.0, 40.0])

@@ -3,6 +3,7 @@
 import math
 
 import numpy as np
+import pytest
 
 from compass.parallax import SectorEvidence, turn_posterior
 
@@ -18,17 +19,19 @@ def pushes_in_a_room(rng, largest_px):
     return largest_px * nearness / nearness.max()
 
 
-def error_and_claim(seed, growth_known=True):
-    """Error of the turn and its claimed deviation, columns, after a step in any direction."""
+def error_and_claim(seed, growth_known=True, chord_error=None, misled=0.0):
+    """Error of the turn and its claimed deviation, columns, after a step in any direction, expected or not."""
     rng = np.random.default_rng(seed)
     push = pushes_in_a_room(rng, rng.uniform(1.0, 6.0))
-    turn, aside = rng.uniform(-100.0, 100.0), AZIMUTH - rng.uniform(-math.pi, math.pi)
+    turn, direction = rng.uniform(-100.0, 100.0), rng.uniform(-math.pi, math.pi)
+    aside, chord = AZIMUTH - direction, 0.0 if chord_error is None else direction + chord_error
     sigma, noise = rng.uniform(0.03, 0.15, 64), rng.uniform(0.15, 0.4, 64)
     shift = turn - push * np.sin(aside) + sigma * rng.normal(size=64)
     growth = push * np.cos(aside) * (1.0 + 0.2 * rng.normal(size=64)) + noise * rng.normal(size=64)
+    growth = np.where(rng.random(64) < misled, 3.0 * rng.normal(size=64), growth)
     single = (values.astype(np.float32) for values in (sigma, growth, noise))
     evidence = SectorEvidence(AZIMUTH.astype(np.float32), shift, *single)
-    found = turn_posterior(evidence if growth_known else evidence.without_growth())
+    found = turn_posterior(evidence if growth_known else evidence.without_growth(), chord)
     return found.mean_px - turn, math.sqrt(found.variance_px2)
 
 
@@ -43,5 +46,20 @@ def test_turn_is_found_in_every_room_whatever_the_direction_of_the_step():
 def test_growth_tells_more_than_the_sign_alone():
     with_growth = np.array([error_and_claim(seed) for seed in range(300)])
     error, sigma = np.array([error_and_claim(seed, growth_known=False) for seed in range(300)]).T
-    assert np.sqrt(np.mean(with_growth[:, 0] ** 2)) < 0.75 * np.sqrt(np.mean(error**2))
+    assert np.sqrt(np.mean(with_growth[:, 0] ** 2)) < 0.75 * np.sqrt(np.mean(error**2)) < 0.04
+    assert 0.4 < np.mean((error / sigma) ** 2) < 1.4  # it does not know that these sectors are independent
+
+
+def test_robot_that_drives_along_its_x_is_known_better_where_growths_mislead():
+    anywhere = np.array([error_and_claim(seed, misled=0.6) for seed in range(300)])
+    error, sigma = np.array([error_and_claim(seed, chord_error=math.pi + 0.03, misled=0.6) for seed in range(300)]).T
+    assert np.sqrt(np.mean(error**2)) < 0.98 * np.sqrt(np.mean(anywhere[:, 0] ** 2))
     assert 0.5 < np.mean((error / sigma) ** 2) < 1.4
+
+
+@pytest.mark.parametrize("chord_error", [0.1, 0.2, 0.5])
+def test_robot_that_slips_aside_is_known_as_well_as_if_nothing_were_expected(chord_error):
+    error, sigma = np.array([error_and_claim(seed, chord_error=chord_error) for seed in range(300)]).T
+    assert np.sqrt(np.mean(error**2)) < 0.04
+    assert 0.5 < np.mean((error / sigma) ** 2) < 1.4
+    assert np.abs(error / sigma).max() < 5.0
