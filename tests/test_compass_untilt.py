@@ -5,7 +5,7 @@ import math
 import cv2
 import numpy as np
 import pytest
-from panoramas import as_bytes, azimuths, scene, seen_from, shifted, tilted
+from panoramas import PHOTO_NAMES, PHOTOS, as_bytes, azimuths, photo, scene, seen_from, shifted, tilted
 from scipy.spatial.transform import Rotation
 
 from compass import CompassConfig, VisualCompass
@@ -78,12 +78,12 @@ def test_mask_tilts_with_the_view():
     np.testing.assert_allclose(moved.pixels.sum(axis=1), 0.0, atol=0.1)
 
 
-def driven(seed, told):
+def driven(seed, told, before=None):
     """Increment of a camera that drove past things, turned and tilted, and the true turn, rad."""
+    before = scene(seed, WIDTH, HEIGHT) if before is None else before
     rng = np.random.default_rng(seed)
     tilt, turn_px = np.deg2rad(rng.uniform(-3.0, 3.0, 2)), rng.uniform(-30.0, 30.0)
     far = 1.0 / (0.6 + 0.4 * np.cos(2.0 * azimuths(WIDTH) - rng.uniform(0.0, 6.0)))
-    before = scene(seed, WIDTH, HEIGHT)
     now = shifted(tilted(seen_from(before, 0.02, 0.0, far), *tilt), turn_px)
     up = up_of(camera_after(Rotation.identity(), tilt, turn_px / PER_RAD))
     compass = VisualCompass(CompassConfig(), (lambda t_ns: up if t_ns else LEVEL) if told else None)
@@ -103,6 +103,22 @@ def test_camera_that_tilts_sees_its_turn_if_an_imu_tells_how():
     print(f"{rms_px:.3f} columns, without the IMU {missed} of 12 are worse by two or missing")
     assert rms_px < 0.08
     assert 0.2 < np.mean(np.square(errors) / variances) < 3.0
+    assert missed >= 8
+
+
+@pytest.mark.skipif(not PHOTOS.is_dir(), reason="the photographs are not there")
+def test_photographs_from_a_camera_that_tilts_turn_as_they_did_if_an_imu_tells_how():
+    claims = {True: [], False: []}
+    for told, found in claims.items():
+        for seed in range(12):
+            increment, turn = driven(seed, told, photo(PHOTO_NAMES[seed % len(PHOTO_NAMES)]))
+            found.append((math.inf, 1.0) if increment is None else (increment.turn - turn, increment.variance))
+    (error, variance), (guessed, _) = (np.array(found).T for found in claims.values())
+    rms_px = float(np.sqrt(np.mean(error**2))) * PER_RAD
+    missed = np.count_nonzero(np.abs(guessed) > 2.0 * np.abs(error))
+    print(f"{rms_px:.3f} columns, without the IMU {missed} of 12 are worse by two or missing")
+    assert rms_px < 0.1
+    assert 0.2 < np.mean(error**2 / variance) < 3.0
     assert missed >= 8
 
 
