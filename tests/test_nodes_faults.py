@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import array
 import math
+import time
 
+import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from nav_msgs.msg import Odometry
+from panoramas import as_bytes, seen_from, shifted
+from panoramas import scene as corners
 from ros_harness import (
     START_NS,
     Robot,
@@ -20,10 +24,14 @@ from ros_harness import (
     panorama,
     scene,
     send_until,
+    stamp,
     started,
     wait_for,
+    yaw_of,
 )
 from sensor_msgs.msg import CompressedImage, Image, Imu
+
+from compass import CompassStatus
 
 SECOND = 1_000_000_000
 NAN = float("nan")
@@ -162,3 +170,29 @@ def test_silent_sensors_are_explained_in_log_and_diagnostics(robot, tmp_path):
         stamps = iter(range(START_NS, START_NS + 1000 * SECOND, SECOND))
         send_until(lambda: tracks(odometry_message(next(stamps), 0.1)), lambda: "tracks: back" in node.text(), "return")
         wait_for(lambda: figures(diagnostics, "tracks").get("filled in") == "twist", "what the tracks fill in")
+
+
+def test_light_that_fails_for_a_second_costs_no_turn(robot, tmp_path):
+    """While it drives: only the corners of what it saw tell how it has turned."""
+    place, turn = corners(1, 1024, 512), -333.3 * math.tau / 1024
+    further = shifted(seen_from(place, 0.3, 0.8, 1.5), -333.3)
+    before, after = (jpeg_message(START_NS, as_bytes(image, 2.0)) for image in (place, further))
+    found = f"images: {CompassStatus.FOUND_AGAIN.value}"
+    dark = jpeg_message(START_NS, np.zeros((512, 1024), np.uint8))
+    with started("nodes.fusion_node", tmp_path / "log", image_transport="compressed"):
+        compass = robot.listen(Odometry, "/compass_pose")
+        diagnostics = robot.listen(DiagnosticArray, "/diagnostics")
+        view = robot.connect(CompressedImage, "/viz/pano/image/compressed")
+        robot.wait_publisher("/compass_pose")
+        stamps = iter(range(START_NS, START_NS + 1000 * SECOND, SECOND // 20))
+
+        def send(message):
+            view(stamp(message, next(stamps)))
+
+        send_until(lambda: send(before), lambda: compass, "an increment", pause=0.05)
+        for _ in range(20):
+            send(dark)
+            time.sleep(0.02)
+        send_until(lambda: send(after), lambda: abs(yaw_of(compass[-1])) > 0.1, "the turn in the dark", pause=0.2)
+        assert yaw_of(compass[-1]) == pytest.approx(turn, abs=0.02)
+        wait_for(lambda: figures(diagnostics, "images").get(found) == "1", "its place in the diagnostics")
