@@ -60,7 +60,10 @@ def test_masked_masts_do_not_hold_a_turn_back(masts, method, columns):
     assert turn_px(faint(), columns, masts, method) == pytest.approx(columns, abs=tolerance)
     if method == "rows" or abs(columns) > REACH_PX:  # without a mask they do, where sectors look about the coarse shift
         held_back = turn_px(faint(), columns, "", method)
-        assert held_back is None or abs(held_back) < 0.5 * abs(columns)
+        if method == "parallax":  # its sectors disagree, and it says so
+            assert held_back is None
+        else:
+            assert abs(held_back) < 0.5 * abs(columns)
 
 
 @pytest.mark.parametrize("distance", [4.0, 40.0])
