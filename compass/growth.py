@@ -45,7 +45,7 @@ class Growth:
     sigma_px : (sectors,) array
         Its standard deviation from image noise.
     aside_px : (sectors,) array
-        How far the tilt moved the sector to the right on average, columns.
+        How far growth and tilt made the sector seem to move to the right, columns.
     tilt : (2,) array
         Rotation of the scene about x and y of the camera, rad; the camera's own is the opposite.
     """
@@ -118,8 +118,11 @@ def measure_growth(
         - np.einsum("ki,ki->k", by_tilt, products[:, RISE:])
     )
     variance = np.maximum(left, 1e-3) / (keyframe.area * len(change)) * keyframe.inverse[:, GROWTH, GROWTH]
-    shear = keyframe.normal[:, SHIFT, SHEAR] / np.maximum(keyframe.normal[:, SHIFT, SHIFT], 1e-9)
-    return Growth(stride * solution[:, GROWTH], stride * np.sqrt(variance), -stride * shear * by_tilt[:, 1], tilt)
+    # where edges slant, what rises seems to move aside: the shifts were found as if nothing rose
+    slant = keyframe.normal[:, SHIFT, GROWTH:] / np.maximum(keyframe.normal[:, SHIFT, SHIFT, None], 1e-9)
+    moved = np.column_stack([solution[:, GROWTH], by_tilt])
+    aside = -np.einsum("ki,ki->k", slant, moved)
+    return Growth(stride * solution[:, GROWTH], stride * np.sqrt(variance), stride * aside, tilt)
 
 
 def _tilt(keyframe: _Gradients, change: Pixels, answered: npt.NDArray[np.bool_], design: Floats) -> Floats:

@@ -41,16 +41,16 @@ UNKNOWN_PX = 1e3
 MISLED = 0.15  # probability that a sector's growth has nothing to do with its push
 MISLED_PX = 3.0  # how large such a growth is
 OUTLIER = -8.0  # log-likelihood of a sector that fits nothing: people, reflections, wrong peaks
-INDEPENDENT = 0.7  # share of the sectors: each has half its columns in common with its neighbours
+INDEPENDENT = 0.8  # share of the sectors: each has half its columns in common with its neighbours
 FLAT = -6.0  # log-probability that no growth of the image tells a push: another projection, only upright lines
 ROUGH_GRID = 13  # turns that are tried first
 BLUNT = 0.25  # of a step between those: sharper likelihoods would fall between them
 GRID = 25
 NEGLIGIBLE = 12.0  # log-likelihood below the best of a hypothesis that is dropped
-CURVE_ERROR_PX = 0.065  # of a camera that turned by more than TURNING while parts moved apart by more than PUSHED_PX
+CURVE_ERROR_PX = 0.03  # of a camera that turned by more than TURNING while parts moved apart by more than PUSHED_PX
 TURNING = np.deg2rad(3.0)
 PUSHED_PX = 2.0
-UNRELATED_PX = 0.2  # a deviation beyond it: no turn explains the sectors, they show another place
+UNRELATED_PX = 0.18  # a deviation beyond it: no turn explains the sectors, they show another place
 LEAN_ERROR = 0.045  # of what is known of the camera's lean, rad
 MASKED_ERROR_PX = 0.007  # what the edges of a mask, which stay, leave in all rows pooled
 WORTH_UNDOING = 0.02  # rad of a tilt that an IMU tells of; smaller ones are its errors as often as not
@@ -216,7 +216,7 @@ def _left_out(turn_px: float, spread_px: float, tilt: Floats, columns: int) -> f
 
 
 def _evidence(view: _View, forward_px: float, columns: int) -> SectorEvidence:
-    """Sectors with the tilt's share taken out of their shifts."""
+    """Sectors with the share of growth and tilt taken out of their shifts."""
     sectors, growth = view.sectors, view.growth
     azimuth: Floats = -2.0 * np.pi * (sectors.centre_px - forward_px) / columns
     shift: Floats

@@ -174,6 +174,25 @@ def test_aside_takes_the_tilts_share_out_of_the_shifts(degrees, about):
     assert rms(pushed - growth.aside_px[index]) < 0.35 * rms(pushed)  # a fifth by the tilt, and the mean elevation's
 
 
+@cache
+def slanting(seed=1):
+    """A panorama whose edges lean to the right above the horizon and below it, as those of a roof and its mirror."""
+    rows = np.abs(np.arange(HEIGHT) - (HEIGHT - 1) / 2.0)
+    return np.concatenate([shifted(line[None], 0.7 * row) for line, row in zip(panorama(seed), rows, strict=True)])
+
+
+@pytest.mark.parametrize("direction", DIRECTIONS.values(), ids=DIRECTIONS)
+@pytest.mark.parametrize("step_px", [1.0, 2.0, 4.0])
+def test_aside_takes_the_share_of_what_grows_out_of_the_shifts(step_px, direction):
+    after = seen_from(slanting(), step_px / PER_RAD, direction, 1.0 / nearness(azimuths(WIDTH)))
+    growth, sectors = measured(as_bytes(slanting(), NOISE, 1), as_bytes(shifted(after, 3.3), NOISE, 2))
+    index = np.round(sectors.centre_px * SECTORS / WIDTH).astype(int) % SECTORS
+    true = 3.3 - (step_px * nearness(AZIMUTH) * np.sin(AZIMUTH - direction))[index]
+    error = sectors.shift_px - true
+    assert rms(error) > 0.04 * step_px  # an edge that rises by a column moves aside by 0.7
+    assert rms(error - growth.aside_px[index]) < 0.4 * rms(error)
+
+
 def test_aside_is_nothing_without_tilt():
     for one in pure_turns(1):
         assert np.abs(one.aside_px).max() < 0.02  # 0.01 deg of tilt by the tangent of 45 deg at most: 0.03 columns

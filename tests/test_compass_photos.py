@@ -235,13 +235,13 @@ def test_driving_past_walls_that_grow_turns_the_default_by_a_tenth_of_the_papers
 
 
 @pytest.mark.parametrize("turn", [0.4, 5.37, 25.3])
-def test_variance_while_driving_is_within_a_factor_of_three(turn):
+def test_variance_while_driving_is_within_a_factor_of_two(turn):
     cases = [
         (direction, *walls) for direction in (0.0, math.pi, 0.7) for walls in ((1.0, 3.0), (20.0, 0.7), (3.0, 3.0))
     ]
     nees = float(np.mean([driving_growing(DEFAULT, *case, turn=turn)[:, 1] for case in cases]))
-    print(round(nees, 2))  # a little sure of itself driving straight on, too careful while turning
-    assert 1.0 / 3.0 < nees < 3.0
+    print(round(nees, 2))
+    assert 0.5 < nees < 2.0
 
 
 def test_tilt_of_a_third_of_a_degree_while_driving_hardly_changes_the_turn():
