@@ -190,6 +190,7 @@ def test_aside_takes_the_share_of_what_grows_out_of_the_shifts(step_px, directio
     true = 3.3 - (step_px * nearness(AZIMUTH) * np.sin(AZIMUTH - direction))[index]
     error = sectors.shift_px - true
     assert rms(error) > 0.04 * step_px  # an edge that rises by a column moves aside by 0.7
+    # 0.22 to 0.31 is left, as found: the share is that of a least-squares shift, and this one comes from a correlation
     assert rms(error - growth.aside_px[index]) < 0.4 * rms(error)
 
 
