@@ -53,7 +53,7 @@ class CompassConfig(ParameterSet):
     )
 
     keyframe_spread: float = parameter(
-        4.0,
+        3.0,
         "a keyframe stays the reference until the parts of the panorama have moved apart by this much; 0 compares "
         "each image with the one before",
         unit="px",

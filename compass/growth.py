@@ -7,6 +7,8 @@ part in it. A tilt moves everything up on one side and down on the other, near a
 nothing grows: there it is read off first.
 
 Both by least squares on the image gradient (Lucas and Kanade 1981), once the columns have been brought over each other.
+A gradient tells small motions only: what rises by more than a row seems to rise by less. So the rows are brought back
+by what was found (see `risen`), and what is left is measured anew.
 """
 
 from __future__ import annotations
@@ -20,6 +22,7 @@ import numpy.typing as npt
 
 from compass.correlation import Floats
 from compass.local import SectorShifts, sector_sums, sector_windows
+from compass.risen import Risen
 from compass.strip import Pixels, Strip
 
 HORIZON = np.deg2rad(6.0)  # elevations between which a tilt is read off
@@ -55,6 +58,15 @@ class Growth:
     aside_px: Floats
     tilt: Floats
 
+    def risen(self, sectors: SectorShifts, columns: int) -> Risen:
+        """How far up each column of the current strip has moved: sectors lie where they were, plus their shift."""
+        count = self.growth_px.size
+        centre = columns / count * np.arange(count)
+        now = centre + np.interp(centre, sectors.centre_px, sectors.shift_px, period=columns)
+        rise, _ = _by_tilt(self.tilt, *_bearings(count, columns))
+        growth, up = (np.interp(np.arange(columns), now, values, period=columns) for values in (self.growth_px, rise))
+        return Risen(growth, up)
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Gradients:
@@ -80,7 +92,12 @@ class _Gradients:
 
 
 def measure_growth(
-    reference: Strip, current: Strip, sectors: SectorShifts, count: int, per_circle: float
+    reference: Strip,
+    current: Strip,
+    sectors: SectorShifts,
+    count: int,
+    per_circle: float,
+    before: Growth | None = None,
 ) -> Growth | None:
     """Growth of each sector and the tilt between two strips.
 
@@ -90,6 +107,8 @@ def measure_growth(
         Where each sector lies now.
     count, per_circle : int, float
         Number and width of the sectors, as in `local_shifts`.
+    before : Growth, optional
+        What was found before, by which the rows of `current` have been brought back (`Strip.risen`).
 
     Returns
     -------
@@ -102,12 +121,14 @@ def measure_growth(
     columns, stride = reference.softened.shape[1], reference.column_stride
     change = _brought_over(current.softened, sectors, stride) - reference.softened
     change[0] = change[-1] = 0.0
-    azimuth = -np.pi * (2.0 * np.arange(count) / count - 1.0)
-    sine, cosine = columns / (2.0 * np.pi) * np.sin(azimuth), columns / (2.0 * np.pi) * np.cos(azimuth)
+    sine, cosine = _bearings(count, columns)
     answered = np.zeros(count, bool)
     answered[np.round(sectors.centre_px / stride * count / columns).astype(np.intp) % count] = True
     tilt = _tilt(keyframe, change, answered, np.stack([sine, -cosine], axis=1))
-    by_tilt = np.stack([sine * tilt[0] - cosine * tilt[1], -cosine * tilt[0] - sine * tilt[1]], axis=1)
+    by_tilt = np.stack(_by_tilt(tilt, sine, cosine), axis=1)
+    if before is not None:  # its rise is undone, its shear is not
+        tilt = tilt + before.tilt
+        by_tilt[:, 1] = _by_tilt(tilt, sine, cosine)[1]
 
     products, energy = keyframe.in_common(change, 5, slice(None))
     rest = products[:, :RISE] - np.einsum("kij,kj->ki", keyframe.normal[:, :RISE, RISE:], by_tilt)
@@ -122,7 +143,19 @@ def measure_growth(
     slant = keyframe.normal[:, SHIFT, GROWTH:] / np.maximum(keyframe.normal[:, SHIFT, SHIFT, None], 1e-9)
     moved = np.column_stack([solution[:, GROWTH], by_tilt])
     aside = -np.einsum("ki,ki->k", slant, moved)
-    return Growth(stride * solution[:, GROWTH], stride * np.sqrt(variance), stride * aside, tilt)
+    growth = stride * solution[:, GROWTH] + (0.0 if before is None else before.growth_px)
+    return Growth(growth, stride * np.sqrt(variance), stride * aside, tilt)
+
+
+def _bearings(count: int, columns: int) -> tuple[Floats, Floats]:
+    """Sine and cosine of the azimuth of each sector, times the columns that one radian is."""
+    azimuth = -np.pi * (2.0 * np.arange(count) / count - 1.0)
+    return columns / (2.0 * np.pi) * np.sin(azimuth), columns / (2.0 * np.pi) * np.cos(azimuth)
+
+
+def _by_tilt(tilt: Floats, sine: Floats, cosine: Floats) -> tuple[Floats, Floats]:
+    """(sectors,) how far a tilt moves each sector up, and aside at an elevation whose tangent is one, columns."""
+    return sine * tilt[0] - cosine * tilt[1], -cosine * tilt[0] - sine * tilt[1]
 
 
 def _tilt(keyframe: _Gradients, change: Pixels, answered: npt.NDArray[np.bool_], design: Floats) -> Floats:

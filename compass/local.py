@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -20,6 +21,7 @@ OUTSIDE = 0.5  # of the highest peak anywhere is enough for one within reach
 RIVAL = 0.97  # of the highest peak makes another, APART-th of the circle away, as likely
 APART = 16
 TAPS = 6  # samples on either side of the best one that its interpolation uses
+BLOCK = 16  # columns that are multiplied at a time
 FINE = 16  # interpolated samples per column
 CORRELATED_PIXELS = 4.0  # that share their error: smoothing, and parallax inside a sector
 MOSTLY = 0.3  # of a sector must show the world in both strips; losing more on one side misleads their median
@@ -40,6 +42,8 @@ class SectorShifts:
         Normalised peak correlation, -1..1.
     energy : array
         Sum of squared grey values, the sector's weight in an average.
+    texture_px : array
+        Column in the middle of each sector's texture: what moves unevenly has moved by `shift_px` there.
     """
 
     centre_px: Floats
@@ -47,6 +51,7 @@ class SectorShifts:
     sigma_px: Floats
     correlation: Floats
     energy: Floats
+    texture_px: Floats
 
     @property
     def mean_correlation(self) -> float:
@@ -98,7 +103,13 @@ def coarse_shift(spectrum: Spectrum, columns: int, search: Search) -> CoarseShif
 
 
 def local_shifts(
-    reference: Strip, current: Strip, coarse_px: int, sectors: int, per_circle: float, rows: int = SMOOTHED_ROWS
+    reference: Strip,
+    current: Strip,
+    coarse_px: int,
+    sectors: int,
+    per_circle: float,
+    rows: int = SMOOTHED_ROWS,
+    reach_px: int = REACH_PX,
 ) -> SectorShifts:
     """Sub-pixel shifts of overlapping sectors around a coarse one.
 
@@ -112,12 +123,14 @@ def local_shifts(
         How many of their width make a full circle.
     rows : int
         As how many rows at most the strips are compared.
+    reach_px : int
+        How far from the coarse shift, columns. Those within `TAPS` of the end have no answer.
     """
     columns = reference.columns
-    reach = min(REACH_PX, columns // 4)
+    reach = min(reach_px, columns // 4)
     if reach <= TAPS or columns < 2 * per_circle:  # an image too narrow to have sectors
         nothing = np.empty(0)
-        return SectorShifts(nothing, nothing, nothing, nothing, nothing)
+        return SectorShifts(nothing, nothing, nothing, nothing, nothing, nothing)
     before, now = reference.smoothed(rows), current.smoothed(rows)
     scores, energy = _lag_scores(before, now, sectors, per_circle, coarse_px, reach)
     best = scores.argmax(axis=0)
@@ -136,7 +149,23 @@ def local_shifts(
         np.sqrt(noise + NOISE_FLOOR_PX**2)[inside],
         height[inside],
         energy[inside],
+        (centre + _texture_offset(reference, sectors, per_circle, rows))[inside],
     )
+
+
+@lru_cache(maxsize=4)
+def _texture_offset(strip: Strip, sectors: int, per_circle: float, rows: int) -> Floats:
+    """(sectors,) how far to the right of each sector's centre its texture lies on average, columns.
+
+    A shift weighs columns by the square of what changes when they move.
+    """
+    pixels, columns = strip.smoothed(rows), strip.columns
+    change = np.roll(pixels, -1, axis=1) - np.roll(pixels, 1, axis=1)
+    weight = sector_windows(columns, sectors, per_circle) * np.einsum("rx,rx->x", change, change)
+    centre = columns / sectors * np.arange(sectors)
+    offset = signed(np.arange(columns) - centre[:, None], columns)
+    mean: Floats = (weight * offset).sum(axis=1) / np.maximum(weight.sum(axis=1), 1e-9)
+    return mean
 
 
 def _seen_in_both(reference: Strip, current: Strip, sectors: int, per_circle: float, whole: int) -> Pixels | None:
@@ -162,14 +191,27 @@ def _lag_scores(
     extended = _unrolled(current, (whole - reach) % columns, columns + 2 * reach)
     energy = np.einsum("rx,rx->x", extended, extended)
     lags = 2 * reach + 1
-    # column by column: its rows times those of all columns it may have come from
-    behind = np.lib.stride_tricks.sliding_window_view(np.ascontiguousarray(extended.T), lags, axis=0)
     sums = np.empty((2, lags, columns), np.float32)
-    sums[0] = (np.ascontiguousarray(reference.T)[:, None, :] @ behind)[:, 0].T
+    sums[0] = _lag_products(reference, extended, lags)
     sums[1] = np.lib.stride_tricks.sliding_window_view(energy, columns)
     products, energies = sector_sums(sums, sectors, per_circle)
     own = sector_sums(np.einsum("rx,rx->x", reference, reference), sectors, per_circle)
     return products / np.sqrt(np.maximum(own * energies, np.float32(1e-6))), own
+
+
+def _lag_products(reference: Pixels, extended: Pixels, lags: int) -> Pixels:
+    """(lags, columns) products of each column with all those it may have come from, one of them per lag.
+
+    Blocks of columns are multiplied as matrices, which is twice as fast, and the band about their diagonals taken out.
+    """
+    rows, columns = reference.shape
+    block = math.gcd(columns, BLOCK)
+    before = np.ascontiguousarray(reference.T).reshape(-1, block, rows)
+    now = np.lib.stride_tricks.sliding_window_view(extended, block + lags - 1, axis=1)[:, ::block].transpose(1, 0, 2)
+    products = before @ now
+    across, down, along = products.strides
+    band = np.lib.stride_tricks.as_strided(products, (len(before), block, lags), (across, down + along, along))
+    return band.reshape(columns, lags).T
 
 
 def _unrolled(pixels: Pixels, first: int, count: int) -> Pixels:

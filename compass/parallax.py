@@ -17,43 +17,38 @@ from functools import cached_property
 import numpy as np
 
 from compass.correlation import Floats, Peak, continuous_peak, pooled_spectrum, signed, upright_spectrum
-from compass.growth import Growth, measure_growth
 from compass.increment import CompassStatus
-from compass.local import CoarseShift, SectorShifts, coarse_shift, local_shifts
+from compass.local import CoarseShift, SectorShifts, coarse_shift
 from compass.match import Match, Search
 from compass.sectors import match_sectors
-from compass.strip import UPRIGHT_ROWS, Pixels, Strip
-from compass.untilt import tilt_between, untilted
+from compass.strip import Pixels, Strip
+from compass.view import FEWEST, View, sector_index, sector_shifts, view
 
 NARROWEST = 256  # columns; sectors of fewer than eight cannot tell parallax apart
-SECTORS = 64
-FEWEST = 8  # of them with an answer, or there is none
-PER_CIRCLE = 32.0  # Hann windows of 11 deg, half as far apart
 AGREED = 1.5  # deviations: three sectors of four this near to all of them together saw nothing but a turn
 COARSE = 16  # directions of travel that are tried first
 FINE = 2.0 * np.pi / 128 * np.arange(-4, 5)  # and then about the best of them, rad
 ALONG = 0.05  # rad by which a robot that drives along its x, ahead or back, slips aside or its camera looks
 ALONG_ODDS = 25.0  # that it does so
 SCALES_PX = np.array([0.1, 0.3, 1.0, 3.0, 10.0], np.float32)  # typical pushes that are tried
-GROWTH_ERROR = 0.3  # of a growth itself: the parts of a sector lie at several distances
+GROWTH_ERROR = 0.35  # of a growth itself: the parts of a sector lie at several distances
 GROWTH_FLOOR_PX = 0.1
 UNKNOWN_PX = 1e3
 MISLED = 0.15  # probability that a sector's growth has nothing to do with its push
 MISLED_PX = 3.0  # how large such a growth is
 OUTLIER = -8.0  # log-likelihood of a sector that fits nothing: people, reflections, wrong peaks
-INDEPENDENT = 0.8  # share of the sectors: each has half its columns in common with its neighbours
+INDEPENDENT = 0.9  # share of the sectors: each has half its columns in common with its neighbours
 FLAT = -6.0  # log-probability that no growth of the image tells a push: another projection, only upright lines
 ROUGH_GRID = 13  # turns that are tried first
 BLUNT = 0.25  # of a step between those: sharper likelihoods would fall between them
 GRID = 25
 NEGLIGIBLE = 12.0  # log-likelihood below the best of a hypothesis that is dropped
-CURVE_ERROR_PX = 0.03  # of a camera that turned by more than TURNING while parts moved apart by more than PUSHED_PX
-TURNING = np.deg2rad(3.0)
-PUSHED_PX = 2.0
+CURVE_ERROR_PX = 0.04  # of a camera that turned by more than TURNING while parts moved apart by more than PUSHED_PX
+TURNING = np.deg2rad(15.0)
+PUSHED_PX = 0.7
 UNRELATED_PX = 0.18  # a deviation beyond it: no turn explains the sectors, they show another place
 LEAN_ERROR = 0.045  # of what is known of the camera's lean, rad
 MASKED_ERROR_PX = 0.007  # what the edges of a mask, which stay, leave in all rows pooled
-WORTH_UNDOING = 0.02  # rad of a tilt that an IMU tells of; smaller ones are its errors as often as not
 ABEAM = 0.02  # cosine below which a growth says nothing
 
 
@@ -112,71 +107,21 @@ def match_parallax(reference: Strip, current: Strip, search: Search) -> Match:
     if columns < NARROWEST:
         return match_sectors(reference, current, search)
     coarse = coarse_shift(upright_spectrum(reference, current), columns, search)
-    sectors = _sectors(reference, current, coarse)
+    sectors = sector_shifts(reference, current, coarse)
     turned = _match_turn(reference, current, coarse, sectors)
     if turned is not None:
         return turned
-    view = _untilted(reference, current, coarse, sectors, search) or _view(reference, current, sectors)
-    if view is None:
+    seen = view(reference, current, coarse, sectors, search)
+    if seen is None:
         return Match(float(coarse.shift_px), np.inf, max(coarse.correlation, 0.0))
-    evidence = _evidence(view, search.forward_px, columns)
+    evidence = _evidence(seen, search.forward_px, columns)
     posterior = turn_posterior(evidence, coarse.shift_px * np.pi / columns)
     spread = _quantile(np.abs(evidence.shift_px - posterior.mean_px), 0.75)
-    variance = posterior.variance_px2 + _left_out(posterior.mean_px, spread, view.tilt_left, columns) ** 2
+    variance = posterior.variance_px2 + _left_out(posterior.mean_px, spread, seen.tilt_left, columns) ** 2
     status = CompassStatus.LOW_CONFIDENCE if variance > UNRELATED_PX**2 else coarse.status
     shift = float(signed(posterior.mean_px, columns))
-    tilt_x, tilt_y = view.tilt.tolist()
-    return Match(shift, variance, _confidence(view.sectors), status, spread, (tilt_x, tilt_y))
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _View:
-    """What the current strip shows, after a tilt has been `undone`, (2,) rad, that an IMU tells of."""
-
-    sectors: SectorShifts
-    growth: Growth | None
-    undone: Floats
-
-    @property
-    def tilt_left(self) -> Floats:
-        """(2,) what is left of the tilt, rad."""
-        return np.zeros(2) if self.growth is None else self.growth.tilt
-
-    @property
-    def tilt(self) -> Floats:
-        """(2,) all of it, rad."""
-        return self.undone + self.tilt_left
-
-
-def _view(
-    reference: Strip, current: Strip, sectors: SectorShifts, undone: tuple[float, float] = (0.0, 0.0)
-) -> _View | None:
-    """None where too few sectors have an answer."""
-    if sectors.shift_px.size < FEWEST:
-        return None
-    return _View(sectors, measure_growth(reference, current, sectors, SECTORS, PER_CIRCLE), np.array(undone))
-
-
-def _untilted(
-    reference: Strip, current: Strip, coarse: CoarseShift, sectors: SectorShifts, search: Search
-) -> _View | None:
-    """The view without the tilt that an IMU tells of; None where there is none, or the IMU errs."""
-    if reference.up is None or current.up is None:
-        return None
-    turn = coarse.shift_px * 2.0 * np.pi / reference.columns
-    tilt = tilt_between(reference.up, current.up, turn)
-    if np.hypot(*tilt) < WORTH_UNDOING:
-        return None
-    level = untilted(current, tilt, turn, search.forward_px)
-    better = _sectors(reference, level, coarse)
-    if better.mean_correlation <= sectors.mean_correlation:
-        return None
-    view = _view(reference, level, better, tilt)
-    return view if view is not None and np.hypot(*view.tilt_left) <= np.hypot(*view.tilt) else None
-
-
-def _sectors(reference: Strip, current: Strip, coarse: CoarseShift) -> SectorShifts:
-    return local_shifts(reference, current, coarse.shift_px, SECTORS, PER_CIRCLE, UPRIGHT_ROWS)
+    tilt_x, tilt_y = seen.tilt.tolist()
+    return Match(shift, variance, _confidence(seen.sectors), status, spread, (tilt_x, tilt_y))
 
 
 def _match_turn(reference: Strip, current: Strip, coarse: CoarseShift, sectors: SectorShifts) -> Match | None:
@@ -215,15 +160,15 @@ def _left_out(turn_px: float, spread_px: float, tilt: Floats, columns: int) -> f
     return float(np.hypot(CURVE_ERROR_PX * turning, leaning))
 
 
-def _evidence(view: _View, forward_px: float, columns: int) -> SectorEvidence:
-    """Sectors with the share of growth and tilt taken out of their shifts."""
-    sectors, growth = view.sectors, view.growth
-    azimuth: Floats = -2.0 * np.pi * (sectors.centre_px - forward_px) / columns
+def _evidence(seen: View, forward_px: float, columns: int) -> SectorEvidence:
+    """Sectors where their texture is, with the share of growth and tilt taken out of their shifts."""
+    sectors, growth = seen.sectors, seen.growth
+    azimuth: Floats = -2.0 * np.pi * (sectors.texture_px - forward_px) / columns
     shift: Floats
     noise: Floats
     shift, grown, noise = sectors.shift_px, np.zeros_like(azimuth), np.full_like(azimuth, UNKNOWN_PX)
     if growth is not None:
-        index = np.round(sectors.centre_px * SECTORS / columns).astype(np.intp) % SECTORS
+        index = sector_index(sectors, columns)
         grown, shift = growth.growth_px[index], shift - growth.aside_px[index]
         noise = np.hypot(growth.sigma_px[index], GROWTH_FLOOR_PX)
     return SectorEvidence(_single(azimuth), shift, _single(sectors.sigma_px), _single(grown), _single(noise))

@@ -15,6 +15,7 @@ from compass.attitude import Vector
 from compass.config import CompassConfig
 from compass.image import Image, to_grey
 from compass.mask import RobotMask, Seen
+from compass.risen import Risen, summed_down
 
 Pixels = npt.NDArray[np.float32]
 Spectrum = npt.NDArray[np.complex64]
@@ -48,6 +49,8 @@ class Strip:
         What was taken out of `pixels`.
     up : (3,) tuple of float or None
         The vertical in the camera's frame (x ahead, y left, z up), a unit vector; None where it is not known.
+    risen : Risen or None
+        What moved up or down and is brought back by `smoothed`, and by all that is made of it; not by `pixels`.
     """
 
     t_ns: int
@@ -59,6 +62,7 @@ class Strip:
     seen: Seen | None = None
     means: Pixels | float = 0.0
     up: Vector | None = None
+    risen: Risen | None = None
     _smoothed: dict[int, Pixels] = field(default_factory=dict, init=False)
 
     def with_pixels(self, grey: Pixels, seen: Seen | None) -> Strip:
@@ -88,8 +92,23 @@ class Strip:
         column, with them by hundredths.
         """
         if at_most not in self._smoothed:
-            self._smoothed[at_most] = _averaged(self.pixels, at_most)
+            self._smoothed[at_most] = _softened_columns(self._averaged(_group(len(self.pixels), at_most)))
         return self._smoothed[at_most]
+
+    def _averaged(self, group: int) -> Pixels:
+        """(rows // group, columns) rows averaged in groups."""
+        if self.risen is not None:
+            averaged = self.risen.averages(self._sums, group, self.top, self.row_height)
+            averaged -= averaged.mean(axis=1, keepdims=True)
+            return averaged
+        rows = len(self.pixels) // group
+        averaged = self.pixels[: rows * group].reshape(rows, group, -1).sum(axis=1)
+        averaged *= np.float32(1.0 / group)
+        return np.asarray(averaged)
+
+    @cached_property
+    def _sums(self) -> Pixels:
+        return summed_down(self.pixels + self.means)
 
     @cached_property
     def upright_spectrum(self) -> Spectrum:
@@ -173,14 +192,10 @@ def _contrast(pixels: Pixels) -> float:
     return float(np.sqrt(np.vdot(pixels, pixels) / pixels.size))
 
 
-def _averaged(pixels: Pixels, at_most: int) -> Pixels:
-    """At most so many rows, each the average of equally many, and columns by 1 2 1."""
-    group = _group(len(pixels), at_most)
-    rows = len(pixels) // group
-    averaged = pixels[: rows * group].reshape(rows, group, -1).sum(axis=1)
-    around = cv2.copyMakeBorder(averaged, 0, 0, 1, 1, cv2.BORDER_WRAP)
-    smoothed = cv2.sepFilter2D(around, -1, _SOFT / np.float32(group), _ALONE)
-    return np.ascontiguousarray(smoothed[:, 1:-1], np.float32)
+def _softened_columns(pixels: Pixels) -> Pixels:
+    """Columns smoothed by 1 2 1, round the circle."""
+    around = cv2.copyMakeBorder(pixels, 0, 0, 1, 1, cv2.BORDER_WRAP)
+    return np.ascontiguousarray(cv2.sepFilter2D(around, -1, _SOFT, _ALONE)[:, 1:-1], np.float32)
 
 
 def _group(rows: int, at_most: int) -> int:

@@ -13,8 +13,8 @@ from compass.correlation import upright_spectrum
 from compass.growth import measure_growth
 from compass.local import coarse_shift, local_shifts
 from compass.match import Search
-from compass.parallax import PER_CIRCLE, SECTORS
 from compass.strip import UPRIGHT_ROWS, prepare_strip
+from compass.view import PER_CIRCLE, SECTORS
 
 WIDTH, HEIGHT, NOISE = 1024, 512, 2.0
 PER_RAD = WIDTH / math.tau
@@ -309,7 +309,7 @@ def test_growth_halves_the_error_of_driving_past_things_all_at_one_distance(monk
         return replace(growth, growth_px=-growth.growth_px) if "wrong" in what else None
 
     right = rms(list(errors()))
-    monkeypatch.setattr("compass.parallax.measure_growth", changed)
+    monkeypatch.setattr("compass.view.measure_growth", changed)
     wrong = rms(list(errors()))
     print(f"{right:.3f} columns, {what} {wrong:.3f}")
     assert right < 0.5 * wrong

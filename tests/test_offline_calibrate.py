@@ -54,7 +54,7 @@ def pushed(ahead: float, size: float, rng: np.random.Generator, turn: float = 0.
     azimuth = 2 * math.pi * (centre / COLUMNS - ahead)
     push = size * rng.uniform(0.2, 1.0, 64) * np.sin(azimuth)
     ones = np.ones(64)
-    return SectorShifts(centre, turn + push + rng.normal(0.0, 0.05, 64), 0.05 * ones, ones, ones)
+    return SectorShifts(centre, turn + push + rng.normal(0.0, 0.05, 64), 0.05 * ones, ones, ones, centre)
 
 
 @pytest.mark.parametrize("ahead", [0.0, 0.25, 0.5, 0.9])
