@@ -139,7 +139,7 @@ def measure_growth(
         - np.einsum("ki,ki->k", by_tilt, products[:, RISE:])
     )
     variance = np.maximum(left, 1e-3) / (keyframe.area * len(change)) * keyframe.inverse[:, GROWTH, GROWTH]
-    # where edges slant, what rises seems to move aside: the shifts were found as if nothing rose
+    # where edges slant, what rises seems to move aside: the shifts were found as if nothing (more) rose
     slant = keyframe.normal[:, SHIFT, GROWTH:] / np.maximum(keyframe.normal[:, SHIFT, SHIFT, None], 1e-9)
     moved = np.column_stack([solution[:, GROWTH], by_tilt])
     aside = -np.einsum("ki,ki->k", slant, moved)

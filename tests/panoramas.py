@@ -48,6 +48,12 @@ def scene(seed: int = 0, width: int = 1024, height: int = 128) -> npt.NDArray[np
     return (127.5 + np.clip(image / image.std() * 35.0, -87.5, 87.5)).astype(np.float32)
 
 
+def slanting(image: Image) -> npt.NDArray[np.float32]:
+    """`image` with edges that lean by 35 deg, to the right above the middle and below it, like a roof and its mirror."""
+    rows = np.abs(np.arange(len(image)) - (len(image) - 1) / 2.0)
+    return np.concatenate([shifted(line[None], 0.7 * row) for line, row in zip(image, rows, strict=True)])
+
+
 def shifted(image: Image, columns: float) -> npt.NDArray[np.float32]:
     """`image` moved right by a number of columns, whole or not (Fourier's shift theorem, along axis 1)."""
     width = image.shape[1]

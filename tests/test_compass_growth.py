@@ -6,7 +6,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from panoramas import as_bytes, azimuths, compare, scene, seen_from, shifted, tilted
+from panoramas import as_bytes, azimuths, compare, scene, seen_from, shifted, slanting, tilted
 
 from compass import CompassConfig, VisualCompass
 from compass.correlation import upright_spectrum
@@ -174,18 +174,12 @@ def test_aside_takes_the_tilts_share_out_of_the_shifts(degrees, about):
     assert rms(pushed - growth.aside_px[index]) < 0.35 * rms(pushed)  # a fifth by the tilt, and the mean elevation's
 
 
-@cache
-def slanting(seed=1):
-    """A panorama whose edges lean to the right above the horizon and below it, as those of a roof and its mirror."""
-    rows = np.abs(np.arange(HEIGHT) - (HEIGHT - 1) / 2.0)
-    return np.concatenate([shifted(line[None], 0.7 * row) for line, row in zip(panorama(seed), rows, strict=True)])
-
-
 @pytest.mark.parametrize("direction", DIRECTIONS.values(), ids=DIRECTIONS)
 @pytest.mark.parametrize("step_px", [1.0, 2.0, 4.0])
 def test_aside_takes_the_share_of_what_grows_out_of_the_shifts(step_px, direction):
-    after = seen_from(slanting(), step_px / PER_RAD, direction, 1.0 / nearness(azimuths(WIDTH)))
-    growth, sectors = measured(as_bytes(slanting(), NOISE, 1), as_bytes(shifted(after, 3.3), NOISE, 2))
+    slant = slanting(panorama())
+    after = seen_from(slant, step_px / PER_RAD, direction, 1.0 / nearness(azimuths(WIDTH)))
+    growth, sectors = measured(as_bytes(slant, NOISE, 1), as_bytes(shifted(after, 3.3), NOISE, 2))
     index = np.round(sectors.centre_px * SECTORS / WIDTH).astype(int) % SECTORS
     true = 3.3 - (step_px * nearness(AZIMUTH) * np.sin(AZIMUTH - direction))[index]
     error = sectors.shift_px - true
