@@ -49,7 +49,7 @@ def scene(seed: int = 0, width: int = 1024, height: int = 128) -> npt.NDArray[np
 
 
 def slanting(image: Image) -> npt.NDArray[np.float32]:
-    """`image` with edges that lean by 35 deg to the right, above the middle and below it, like a roof and its mirror."""
+    """`image` with edges that lean to the right by 35 deg, above the middle and below it: a roof and its mirror."""
     rows = np.abs(np.arange(len(image)) - (len(image) - 1) / 2.0)
     return np.concatenate([shifted(line[None], 0.7 * row) for line, row in zip(image, rows, strict=True)])
 
