@@ -63,7 +63,7 @@ class Strip:
     means: Pixels | float = 0.0
     up: Vector | None = None
     risen: Risen | None = None
-    _smoothed: dict[int, Pixels] = field(default_factory=dict, init=False)
+    _averages: dict[int, tuple[Pixels, Pixels]] = field(default_factory=dict, init=False)
 
     def with_pixels(self, grey: Pixels, seen: Seen | None) -> Strip:
         """The same strip with other grey values, whose rows' means are still to be taken out."""
@@ -91,20 +91,26 @@ class Strip:
         Without the highest frequencies a spline through the correlation at whole lags errs by thousandths of a
         column, with them by hundredths.
         """
-        if at_most not in self._smoothed:
-            self._smoothed[at_most] = _softened_columns(self._averaged(_group(len(self.pixels), at_most)))
-        return self._smoothed[at_most]
+        return self._averaged(at_most)[0]
 
-    def _averaged(self, group: int) -> Pixels:
-        """(rows // group, columns) rows averaged in groups."""
+    def _averaged(self, at_most: int) -> tuple[Pixels, Pixels]:
+        """(at most so many, columns) rows averaged in groups, softened, and their (rows, 1) means, taken out."""
+        if at_most not in self._averages:
+            averages, means = self._grouped(_group(len(self.pixels), at_most))
+            self._averages[at_most] = _softened_columns(averages), means
+        return self._averages[at_most]
+
+    def _grouped(self, group: int) -> tuple[Pixels, Pixels]:
+        """(rows // group, columns) rows averaged in groups, and their (rows // group, 1) means, taken out."""
         if self.risen is not None:
-            averaged = self.risen.averages(self._sums, group, self.top, self.row_height)
-            averaged -= averaged.mean(axis=1, keepdims=True)
-            return averaged
+            averages = self.risen.averages(self._sums, group, self.top, self.row_height)
+            means = averages.mean(axis=1, keepdims=True)
+            return averages - means, means
         rows = len(self.pixels) // group
-        averaged = self.pixels[: rows * group].reshape(rows, group, -1).sum(axis=1)
-        averaged *= np.float32(1.0 / group)
-        return np.asarray(averaged)
+        averages = self.pixels[: rows * group].reshape(rows, group, -1).sum(axis=1)
+        averages *= np.float32(1.0 / group)
+        means = np.broadcast_to(np.asarray(self.means, np.float32), (len(self.pixels), 1))
+        return np.asarray(averages), means[: rows * group].reshape(rows, group, 1).mean(axis=1)
 
     @cached_property
     def _sums(self) -> Pixels:
@@ -122,8 +128,13 @@ class Strip:
 
     @cached_property
     def softened(self) -> Pixels:
-        """Every `column_stride`-th column of `smoothed`, rows averaged by 1 2 1: derivatives up and down need that."""
-        columns = np.ascontiguousarray(self.smoothed()[:, :: self.column_stride])
+        """Grey values, means included: every `column_stride`-th column, rows averaged by 1 2 1 for derivatives.
+
+        What rises is told by how the rows differ. Without their means a plain wall shows the profile of all else upside
+        down, and seems to rise as all else does.
+        """
+        averages, means = self._averaged(SMOOTHED_ROWS)
+        columns = averages[:, :: self.column_stride] + means
         return np.asarray(cv2.sepFilter2D(columns, -1, _ALONE, _SOFT, borderType=cv2.BORDER_REPLICATE), np.float32)
 
     @cached_property
