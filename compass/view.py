@@ -1,7 +1,9 @@
 """How each part of the view has moved since the keyframe: aside, nearer and up, looked at twice.
 
 The first look finds shifts as if nothing had risen, and growths as far as a gradient reaches. Then the rows are brought
-back to where they were (see `risen`), and both are found anew. A tilt that an IMU tells of is undone before.
+back to where they were (see `risen`), and both are found anew, unless the view has hardly changed yet: what was missed
+grows with it, and only the error of the last image before the keyframe moves stays. A tilt that an IMU tells of is
+undone before.
 """
 
 from __future__ import annotations
@@ -20,6 +22,7 @@ from compass.untilt import tilt_between, untilted
 
 SECTORS = 64
 FEWEST = 8  # of them with an answer, or there is none
+APART_PX = 2.0  # columns by which parts have moved apart from where on a second look tells more than the first
 PER_CIRCLE = 32.0  # Hann windows of 11 deg, half as far apart
 WORTH_UNDOING = 0.02  # rad of a tilt that an IMU tells of; smaller ones are its errors as often as not
 
@@ -58,7 +61,9 @@ def sector_shifts(reference: Strip, current: Strip, coarse: CoarseShift, reach_p
 def view(reference: Strip, current: Strip, coarse: CoarseShift, sectors: SectorShifts, search: Search) -> View | None:
     """Shifts and growths, given the `sectors` of the first look; None where too few have an answer."""
     seen = _untilted(reference, current, coarse, sectors, search) or _look(reference, current, sectors)
-    return seen and _look_again(reference, seen, coarse)
+    if seen is None or seen.sectors.apart_px < APART_PX:
+        return seen
+    return _look_again(reference, seen, coarse)
 
 
 def sector_index(sectors: SectorShifts, columns: int) -> npt.NDArray[np.intp]:
