@@ -327,3 +327,19 @@ def test_tilt_hardly_changes_a_turn(degrees, about):
         after = shifted(tilted(panorama(seed), *np.deg2rad(degrees) * np.array(TILTS[about])), 5.37)
         increment = compare(VisualCompass(), as_bytes(panorama(seed), NOISE, 1), as_bytes(after, NOISE, 2))
         assert abs(increment.yaw * PER_RAD - 5.37) < limit_px
+
+
+def test_plain_wall_does_not_rise_as_the_others_do():
+    # what little there is to see on a wall near by, to the right, and bands of grey along all others, thrice as far
+    azimuth = azimuths(WIDTH)
+    right = np.clip(0.5 - 8.0 * np.sin(azimuth), 0.0, 1.0)  # edges of the wall are soft
+    bands = 60.0 * np.sin(6.0 * np.linspace(np.pi / 2.0, -np.pi / 2.0, HEIGHT))[:, None]
+    wall = 127.5 + 0.15 * (panorama() - 127.5)
+    image = (right * wall + (1.0 - right) * (wall + bands)).astype(np.float32)
+    distance, step_px = np.where(azimuth < 0.0, 1.0, 3.0), 6.0
+    after = seen_from(image, step_px / PER_RAD, 0.0, distance)
+    growth, _ = measured(as_bytes(image, 0.5, 1), as_bytes(after, 0.5, 2))
+    for low, high in (-150.0, -120.0), (-60.0, -30.0):
+        seen = (np.rad2deg(AZIMUTH) > low) & (np.rad2deg(AZIMUTH) < high)
+        true = step_px * np.cos(AZIMUTH[seen])
+        assert float(growth.growth_px[seen] @ true / (true @ true)) == pytest.approx(1.0, abs=0.15)
