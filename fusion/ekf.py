@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from enum import IntEnum
+from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -49,6 +50,7 @@ class State(IntEnum):
 
 DIM = State.CLONE + CLONES
 TURNING = [State.YAW, State.RATE, State.ACCELERATION]
+_TURNING_BLOCK = np.ix_(TURNING, TURNING)
 YAWS = np.array([s in (State.YAW, State.TRACK_REF, State.STILL_REF) or s >= State.CLONE for s in range(DIM)])
 
 
@@ -162,7 +164,7 @@ class YawEkf(ExtendedKalmanFilter):
             if not still:
                 _integrate_gauss_markov(F, Q, State.RATE, State.YAW, 2.0 * prior / q, prior**0.5, 1.0, dt)
         else:
-            F[np.ix_(TURNING, TURNING)], Q[np.ix_(TURNING, TURNING)] = _turning(q, ramp, dt)
+            F[_TURNING_BLOCK], Q[_TURNING_BLOCK] = _turning(q, ramp, dt)
         Q[State.BIAS, State.BIAS] = Q[State.CROSS_BIAS, State.CROSS_BIAS] = config.bias_walk**2 * dt
         Q[State.SCALE, State.SCALE] = config.scale_walk**2 * dt
         Q[State.CAMERA_DELAY, State.CAMERA_DELAY] = DELAY_WALK**2 * self.stray * dt
@@ -376,6 +378,7 @@ def _integrate_gauss_markov(
     Q[integral, integral] = (gain * sigma * time) ** 2 * (2.0 * dt / time - 3.0 + 4.0 * e - e**2)
 
 
+@lru_cache(maxsize=64)  # sensors keep to their steps, but for a few nanoseconds
 def _turning(q: float, ramp: float, dt: float) -> tuple[Array, Array]:
     """Transition and process noise of (yaw, rate, acceleration) over `dt` seconds.
 
