@@ -163,7 +163,7 @@ def _left_out(turn_px: float, spread_px: float, tilt: Floats, columns: int) -> f
 def _evidence(seen: View, forward_px: float, columns: int) -> SectorEvidence:
     """Sectors where their texture is, with the share of growth and tilt taken out of their shifts."""
     sectors, growth = seen.sectors, seen.growth
-    azimuth: Floats = -2.0 * np.pi * (sectors.texture_px - forward_px) / columns
+    azimuth: Floats = -2.0 * np.pi * (sectors.texture_px + 0.5 - forward_px) / columns  # of columns' middles
     shift: Floats
     noise: Floats
     shift, grown, noise = sectors.shift_px, np.zeros_like(azimuth), np.full_like(azimuth, UNKNOWN_PX)

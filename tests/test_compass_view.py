@@ -162,3 +162,16 @@ def test_driving_beside_a_slanting_wall_does_not_turn_the_compass(step):
     increment = compare(VisualCompass(), as_bytes(slant, NOISE, 1), as_bytes(after, NOISE, 2))
     print(f"{increment.yaw * PER_RAD - 5.37:.3f} columns")
     assert increment.yaw * PER_RAD == pytest.approx(5.37, abs=0.08)
+
+
+@pytest.mark.parametrize("direction", [0.0, math.pi], ids=["forward", "backward"])
+def test_drive_along_the_axis_of_a_symmetric_view_does_not_turn(direction):
+    # ahead is the edge between two columns: azimuths half a column off turn this by 0.005 to 0.012 columns, one way
+    distance = 1.0 / (1.0 + 0.5 * np.abs(np.sin(azimuths(WIDTH))))
+    turns = []
+    for seed in range(3):
+        view = scene(seed, WIDTH, HEIGHT)
+        view = 127.5 + 0.7 * (view + view[:, ::-1] - 255.0)
+        after = seen_from(view, 6.0 * math.tau / WIDTH, direction, distance)
+        turns.append(compare(VisualCompass(), as_bytes(view), as_bytes(after)).yaw * WIDTH / math.tau)
+    assert np.abs(turns).max() < 0.004
