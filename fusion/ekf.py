@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from enum import IntEnum
-from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -19,13 +18,13 @@ from compass import wrap_angle
 from fusion.config import FusionConfig
 from fusion.exposure import Exposure, GyroTrail
 from fusion.lean import BiasGain
+from fusion.motion import integrate_gauss_markov, turning
 
 Array = npt.NDArray[np.float64]
 CLONES = 3
 CREEP_RATE = 5e-4  # rad/s, slower than standstill can be told from
 DELAY_WALK = 0.2  # 1/sqrt(s), wander of the camera's delay for what its stamps stray by
 STILL_TURN = 1e-5  # rad, what standing still leaves of a turn
-_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(6)  # exact to the last digit over one ramp
 
 
 class State(IntEnum):
@@ -162,14 +161,14 @@ class YawEkf(ExtendedKalmanFilter):
             F[State.ACCELERATION, State.ACCELERATION] = math.exp(-dt / ramp)
             Q[State.ACCELERATION, State.ACCELERATION] = -math.expm1(-2.0 * dt / ramp) * q / (2.0 * ramp)
             if not still:
-                _integrate_gauss_markov(F, Q, State.RATE, State.YAW, 2.0 * prior / q, prior**0.5, 1.0, dt)
+                integrate_gauss_markov(F, Q, State.RATE, State.YAW, 2.0 * prior / q, prior**0.5, 1.0, dt)
         else:
-            F[_TURNING_BLOCK], Q[_TURNING_BLOCK] = _turning(q, ramp, dt)
+            F[_TURNING_BLOCK], Q[_TURNING_BLOCK] = turning(q, ramp, dt)
         Q[State.BIAS, State.BIAS] = Q[State.CROSS_BIAS, State.CROSS_BIAS] = config.bias_walk**2 * dt
         Q[State.SCALE, State.SCALE] = config.scale_walk**2 * dt
         Q[State.CAMERA_DELAY, State.CAMERA_DELAY] = DELAY_WALK**2 * self.stray * dt
         F[State.TRACK_ERROR, State.VEER] = self.track_speed * dt
-        _integrate_gauss_markov(F, Q, State.SLIP, State.TRACK_ERROR, config.slip_time, 1.0, self.track_stray, dt)
+        integrate_gauss_markov(F, Q, State.SLIP, State.TRACK_ERROR, config.slip_time, 1.0, self.track_stray, dt)
         F[State.COMPASS_ERROR, State.COMPASS_ERROR] = math.exp(-dt / config.compass_error_time)
         Q[State.COMPASS_ERROR, State.COMPASS_ERROR] = -math.expm1(-2.0 * dt / config.compass_error_time)
         return F, Q
@@ -364,39 +363,3 @@ class YawEkf(ExtendedKalmanFilter):
             self.P = A @ prior_P @ A.T + measurement.R * (self.K @ self.K.T)  # Joseph: holds for any gain
         if self.tape is not None:
             self.tape.append(Correction(measurement.innovation, measurement.H, H, float(self.S[0, 0]), optimal))
-
-
-def _integrate_gauss_markov(
-    F: Array, Q: Array, state: State, integral: State, time: float, sigma: float, gain: float, dt: float
-) -> None:
-    """Enter a Gauss-Markov `state` of correlation `time` and `sigma`, and `gain` times its integral."""
-    e = math.exp(-dt / time)
-    F[state, state] = e
-    F[integral, state] = gain * time * (1.0 - e)
-    Q[state, state] = sigma**2 * (1.0 - e**2)
-    Q[integral, state] = Q[state, integral] = gain * sigma**2 * time * (1.0 - e) ** 2
-    Q[integral, integral] = (gain * sigma * time) ** 2 * (2.0 * dt / time - 3.0 + 4.0 * e - e**2)
-
-
-@lru_cache(maxsize=64)  # sensors keep to their steps, but for a few nanoseconds
-def _turning(q: float, ramp: float, dt: float) -> tuple[Array, Array]:
-    """Transition and process noise of (yaw, rate, acceleration) over `dt` seconds.
-
-    Singer's model of a manoeuvre (1970, doi:10.1109/TAES.1970.310128): the acceleration is Gauss-Markov over `ramp`
-    seconds. Over times longer than that the rate walks, by `q` (rad/s)^2 a second.
-    """
-    if dt > ramp:
-        F, Q = _turning(q, ramp, dt / 2.0)
-        return F @ F, F @ Q @ F.T + Q
-    F = np.eye(3)
-    F[0, 1] = dt
-    F[:, 2:] = _answer(ramp, np.array([dt]))
-    answers = _answer(ramp, dt / 2.0 * (1.0 + _NODES))
-    return F, q / ramp**2 * dt / 2.0 * (answers * _WEIGHTS) @ answers.T
-
-
-def _answer(ramp: float, s: Array) -> Array:
-    """What an acceleration of 1 rad/s^2 that fades over `ramp` has made of yaw, rate and itself after times `s`."""
-    x = s / ramp
-    fading = -np.expm1(-x)
-    return np.stack([ramp**2 * (x - fading), ramp * fading, 1.0 - fading])
