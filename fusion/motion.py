@@ -29,8 +29,8 @@ def turning(q: float, ramp: float, dt: float) -> tuple[Array, Array]:
     """Transition and process noise of (yaw, rate, acceleration) over `dt` seconds.
 
     Singer's model of a manoeuvre (1970, doi:10.1109/TAES.1970.310128): the acceleration is Gauss-Markov over `ramp`
-    seconds. Over times longer than that the rate walks, by `q` (rad/s)^2 a second. What is given is kept: copy it before
-    changing it.
+    seconds. Over times longer than that the rate walks, by `q` (rad/s)^2 a second. The arrays are kept: copy them
+    before you change them.
     """
     if dt > ramp:
         F, Q = turning(q, ramp, dt / 2.0)
