@@ -15,7 +15,7 @@ from compass.local import _lag_products, coarse_shift
 from compass.match import Search
 from compass.risen import Risen, summed_down
 from compass.strip import SMOOTHED_ROWS, UPRIGHT_ROWS, prepare_strip
-from compass.view import PER_CIRCLE, SECTORS, sector_index, sector_shifts, view
+from compass.view import APART_PX, PER_CIRCLE, SECTORS, sector_index, sector_shifts, view
 
 WIDTH, HEIGHT, NOISE = 1024, 512, 2.0
 PER_RAD = WIDTH / math.tau
@@ -175,3 +175,11 @@ def test_drive_along_the_axis_of_a_symmetric_view_does_not_turn(direction):
         after = seen_from(view, 6.0 * math.tau / WIDTH, direction, distance)
         turns.append(compare(VisualCompass(), as_bytes(view), as_bytes(after)).yaw * WIDTH / math.tau)
     assert np.abs(turns).max() < 0.004
+
+
+@pytest.mark.parametrize(("step_px", "twice"), [(1.0, False), (4.0, True)])
+def test_view_that_has_hardly_moved_apart_is_looked_at_once(step_px, twice):
+    after = shifted(seen_from(panorama(), step_px / PER_RAD, 0.0, 1.0), TURN_PX)
+    (sectors, once), seen = looks(strip(panorama(), 1), strip(after, 2))
+    assert (sectors.apart_px > APART_PX) == twice
+    assert np.array_equal(seen.growth.growth_px, once.growth_px) != twice
