@@ -90,7 +90,7 @@ class FusionConfig(ParameterSet):
     )
     camera_delay_sigma: float = parameter(0.05, "its standard deviation at the start", unit="s", low=0.0, high=1.0)
     compass_error_share: float = parameter(
-        0.2, "share of the compass's variance that lasts from image to image (parallax)", low=0.0, high=0.999
+        0.15, "share of the compass's variance that lasts from image to image (parallax)", low=0.0, high=0.999
     )
     compass_error_time: float = parameter(5.0, "how long that share lasts", unit="s", low=1e-3, high=1e3)
     gate_probability: float = parameter(
