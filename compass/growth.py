@@ -32,6 +32,7 @@ TILT_FLOOR_PX = 0.05  # what a sector's reading of the tilt cannot be better tha
 TILT_OUTLIER = 2.0  # deviations from where on a sector has less to say about the tilt
 TILT_ROUNDS = 3
 RIDGE = 1e-3
+STEEP = 0.14  # of what a growth lifts a row by; rows that are lifted by more count for less
 
 # how the grey values of a sector can change: rows and columns of its normal matrix
 SHIFT, GAIN, GROWTH, RISE, SHEAR = range(5)
@@ -78,6 +79,8 @@ class _Gradients:
     changes: Pixels  # (5, rows, columns): SHIFT..SHEAR, by which the grey values change per column of motion
     normal: Floats  # (sectors, 5, 5)
     inverse: Floats  # (sectors, 3, 3), of SHIFT..GROWTH
+    weight: Pixels  # (rows, 1), by which these changes are multiplied, and others have to be
+    slant: Floats  # (3, sectors), how far aside GROWTH..SHEAR seem to move a sector to which all rows count alike
     band: slice  # rows about the horizon
     band_inverse: Floats  # (sectors, 4, 4), of SHIFT..RISE there
 
@@ -119,8 +122,7 @@ def measure_growth(
     if keyframe is None:
         return None
     columns, stride = reference.softened.shape[1], reference.column_stride
-    change = _brought_over(current.softened, sectors, stride) - reference.softened
-    change[0] = change[-1] = 0.0
+    change = keyframe.weight * (_brought_over(current.softened, sectors, stride) - reference.softened)
     sine, cosine = _bearings(count, columns)
     answered = np.zeros(count, bool)
     answered[np.round(sectors.centre_px / stride * count / columns).astype(np.intp) % count] = True
@@ -140,9 +142,8 @@ def measure_growth(
     )
     variance = np.maximum(left, 1e-3) / (keyframe.area * len(change)) * keyframe.inverse[:, GROWTH, GROWTH]
     # where edges slant, what rises seems to move aside: the shifts were found as if nothing (more) rose
-    slant = keyframe.normal[:, SHIFT, GROWTH:] / np.maximum(keyframe.normal[:, SHIFT, SHIFT, None], 1e-9)
     moved = np.column_stack([solution[:, GROWTH], by_tilt])
-    aside = -np.einsum("ki,ki->k", slant, moved)
+    aside = -np.einsum("ik,ki->k", keyframe.slant, moved)
     growth = stride * solution[:, GROWTH] + (0.0 if before is None else before.growth_px)
     return Growth(growth, stride * np.sqrt(variance), stride * aside, tilt)
 
@@ -188,8 +189,16 @@ def _gradients(strip: Strip, count: int, per_circle: float) -> _Gradients | None
     rise = (8.0 * (padded[3:-1] - padded[1:-3]) - padded[4:] + padded[:-4]) / np.float32(12.0 * per_row)  # five points
     right = 0.5 * (np.roll(soft, -1, axis=1) - np.roll(soft, 1, axis=1))
     e = elevation.astype(np.float32)[:, None]
-    changes = np.stack([right, soft, rise * (np.sin(e) * np.cos(e)), rise, right * np.tan(e)])
-    changes[:, [0, -1]] = 0.0
+    lifted = np.sin(e) * np.cos(e)
+    # floor and ceiling move by more than what stands on them: by squares of `lifted` they would count for most, but not
+    # in the shift of their sector
+    weight = 1.0 / np.sqrt(np.abs(lifted) + np.float32(STEEP))
+    weight /= np.sqrt(np.mean(weight**2))
+    weight[[0, -1]] = 0.0
+    changes = np.stack([right, soft, rise * lifted, rise, right * np.tan(e)])
+    along = np.einsum("rx,irx->ix", right[1:-1], changes[[SHIFT, GROWTH, RISE, SHEAR], 1:-1])
+    along = sector_sums(along, count, per_circle)
+    changes *= weight
     rows = slice(int(band[0]), int(band[-1]) + 1)
     normal = _normal(changes, count, per_circle)
     return _Gradients(
@@ -199,6 +208,8 @@ def _gradients(strip: Strip, count: int, per_circle: float) -> _Gradients | None
         changes,
         normal,
         np.linalg.inv(normal[:, :RISE, :RISE]),
+        weight,
+        along[1:] / np.maximum(along[0], np.float32(1e-9)),
         rows,
         np.linalg.inv(_normal(changes[:SHEAR, rows], count, per_circle)),
     )

@@ -6,7 +6,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from panoramas import as_bytes, azimuths, compare, scene, seen_from, shifted, slanting, tilted
+from panoramas import as_bytes, azimuths, compare, elevations, scene, seen_from, shifted, slanting, tilted
 
 from compass import CompassConfig, VisualCompass
 from compass.correlation import upright_spectrum
@@ -285,6 +285,27 @@ def test_driving_past_walls_turns_the_default_far_less_than_the_papers_method(le
     print(f"{error:.3f} columns, by rows {paper:.3f}")
     assert error < 0.05  # of a column, half of what a single sector knows
     assert error < max(paper / 5.0, 0.02)
+
+
+def told_by_growth_and_shift(seed):
+    """Nearness of what lies slantwise by its growth, as a multiple of that by its shift, above a near floor."""
+    step, far = 2.0 / PER_RAD, 1.0 / nearness(azimuths(WIDTH))
+    stands, floor = (seen_from(panorama(seed), step, 0.0, distance) for distance in (far, far / 1.5))
+    after = np.where(np.abs(elevations(HEIGHT))[:, None] > math.radians(15.0), floor, stands)
+    growth, sectors = measured(as_bytes(panorama(seed), NOISE, 1), as_bytes(after, NOISE, 2))
+    index = np.round(sectors.centre_px * SECTORS / WIDTH).astype(int) % SECTORS
+    slantwise = np.abs(np.sin(2.0 * AZIMUTH[index])) > 0.7
+    index, shift = index[slantwise], sectors.shift_px[slantwise]
+    pushed = (growth.aside_px[index] - shift) / np.sin(AZIMUTH[index])
+    return np.median(growth.growth_px[index] / np.cos(AZIMUTH[index])) / np.median(pushed)
+
+
+def test_growth_is_less_that_of_floor_and_ceiling_where_they_count_for_less(monkeypatch):
+    ratios = np.array([told_by_growth_and_shift(seed) for seed in range(1, 7)])
+    monkeypatch.setattr("compass.growth.STEEP", 1e3)  # all rows alike
+    alike = np.array([told_by_growth_and_shift(seed) for seed in range(1, 7)])
+    print(f"growth over shift {ratios.mean():.3f}, all rows alike {alike.mean():.3f}")
+    assert 1.0 < ratios.mean() < alike.mean() - 0.01
 
 
 @pytest.mark.parametrize("what", ["without growth", "growth of the wrong sign"])
