@@ -19,8 +19,8 @@ from compass.view import FEWEST, View, sector_index, sector_shifts, view
 NARROWEST = 256  # columns; sectors of fewer than eight cannot tell parallax apart
 AGREED = 1.5  # deviations: three sectors of four this near to all of them together saw nothing but a turn
 GROWTH_FLOOR_PX = 0.1
-FITTING = 0.7  # of its posterior is a turn's variance where every sector fits: growths are better than they are told
-DOUBT = 25.0  # and so much more per share of them that fits nothing: then others are moved, too
+FITTING = 0.7  # of its posterior's variance a turn has where every sector fits: most growths err by less than expected
+DOUBT = 25.0  # and so much more per share of them that fits nothing: others are moved, too, then
 CURVE_ERROR_PX = 0.03  # of a camera that turned by more than TURNING while parts moved apart by more than PUSHED_PX
 TURNING = np.deg2rad(40.0)
 PUSHED_PX = 0.7
