@@ -183,3 +183,23 @@ def test_view_that_has_hardly_moved_apart_is_looked_at_once(step_px, twice):
     (sectors, once), seen = looks(strip(panorama(), 1), strip(after, 2))
     assert (sectors.apart_px > APART_PX) == twice
     assert np.array_equal(seen.growth.growth_px, once.growth_px) != twice
+
+
+def past_walls_and_somebody(seed, columns):
+    """Increment of a step with a turn of 5.37 columns; somebody so wide on the left walks ahead."""
+    before = panorama(seed).copy()
+    after = shifted(seen_from(before, 0.03, 0.0, 1.0 / (1.0 + 0.5 * np.cos(2.0 * azimuths(WIDTH)))), 5.37)
+    somebody = scene(100 + seed, WIDTH, HEIGHT)[:, 300 : 300 + columns]
+    before[:, 300 : 300 + columns] = somebody
+    after[:, 312 : 312 + columns] = somebody  # to the right, where nothing is pushed that stands there
+    return compare(VisualCompass(), as_bytes(before, NOISE, 1), as_bytes(after, NOISE, 2))
+
+
+def test_somebody_who_walks_through_widens_the_variance_and_does_not_turn_the_compass():
+    empty, seen = ([past_walls_and_somebody(seed, columns) for seed in range(1, 9)] for columns in (0, 90))
+    sigma = np.sqrt([increment.variance for increment in seen]) * PER_RAD
+    error = np.array([increment.yaw for increment in seen]) * PER_RAD - 5.37
+    widened = np.array([one.variance / other.variance for one, other in zip(seen, empty, strict=True)])
+    print(f"variance {np.median(widened):.1f} times as large, errors of {np.abs(error / sigma).max():.1f} deviations")
+    assert np.median(widened) > 2.0
+    assert np.abs(error / sigma).max() < 3.0
