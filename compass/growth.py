@@ -196,8 +196,8 @@ def _gradients(strip: Strip, count: int, per_circle: float) -> _Gradients | None
     weight /= np.sqrt(np.mean(weight**2))
     weight[[0, -1]] = 0.0
     changes = np.stack([right, soft, rise * lifted, rise, right * np.tan(e)])
-    along = np.einsum("rx,irx->ix", right[1:-1], changes[[SHIFT, GROWTH, RISE, SHEAR], 1:-1])
-    along = sector_sums(along, count, per_circle)
+    moved = changes[[SHIFT, GROWTH, RISE, SHEAR], 1:-1]
+    along = sector_sums(np.einsum("rx,irx->ix", moved[0], moved), count, per_circle)
     changes *= weight
     rows = slice(int(band[0]), int(band[-1]) + 1)
     normal = _normal(changes, count, per_circle)
