@@ -89,10 +89,11 @@ class FusionConfig(ParameterSet):
         0.0, "how much later than they were exposed images are stamped, at the start", unit="s", low=-1.0, high=1.0
     )
     camera_delay_sigma: float = parameter(0.05, "its standard deviation at the start", unit="s", low=0.0, high=1.0)
-    compass_error_share: float = parameter(
-        0.15, "share of the compass's variance that lasts from image to image (parallax)", low=0.0, high=0.999
-    )
-    compass_error_time: float = parameter(5.0, "how long that share lasts", unit="s", low=1e-3, high=1e3)
+    compass_error: float = parameter(
+        3.5e-5, "part of the compass's errors that outlasts its references, standard deviation", unit="rad",
+        low=0.0, high=1.0,
+    )  # fmt: skip
+    compass_error_time: float = parameter(5.0, "how long it lasts", unit="s", low=1e-3, high=1e3)
     gate_probability: float = parameter(
         0.9999, "share of honest samples that the chi-square gate lets pass", low=0.5, high=1.0 - 1e-12
     )

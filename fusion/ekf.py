@@ -22,6 +22,7 @@ from fusion.motion import integrate_gauss_markov, turning
 
 Array = npt.NDArray[np.float64]
 CLONES = 3
+LASTING = 0.5  # share of an increment's variance, at most, that is taken to last beyond it
 CREEP_RATE = 5e-4  # rad/s, slower than standstill can be told from
 DELAY_WALK = 0.2  # 1/sqrt(s), wander of the camera's delay for what its stamps stray by
 STILL_TURN = 1e-5  # rad, what standing still leaves of a turn
@@ -115,8 +116,7 @@ class YawEkf(ExtendedKalmanFilter):
     track_stray: float  # rad/s, standard deviation of the passing error they have at that
     stray: float  # s^2, variance by which images stray from their stamps
 
-    def __init__(self, config: FusionConfig, *, considered: tuple[State, ...] = ()) -> None:
-        self.considered = considered  # by compass updates
+    def __init__(self, config: FusionConfig) -> None:
         super().__init__(dim_x=DIM, dim_z=1)  # type: ignore[no-untyped-call]
         self.config = config
         self.x = np.zeros(DIM)
@@ -330,14 +330,14 @@ class YawEkf(ExtendedKalmanFilter):
         """What an increment (rad, variance rad^2) between the clones `since` and `until` says, modulo a turn.
 
         Part of its error lasts from image to image and beyond the reference (parallax keeps its sign while the robot
-        passes the same things): the share ``compass_error_share`` of the variance is that of a Gauss-Markov state.
+        passes the same things): a Gauss-Markov state of `compass_error`, or `LASTING` of the variance if that is less.
         """
-        share = self.config.compass_error_share
+        lasting = min(self.config.compass_error**2, LASTING * variance)
         H = np.zeros((1, DIM))
         H[0, until], H[0, since] = 1.0, -1.0
-        H[0, State.COMPASS_ERROR] = math.sqrt(share * variance)
+        H[0, State.COMPASS_ERROR] = math.sqrt(lasting)
         innovation = float(wrap_angle(yaw - float((H @ self.x)[0])))
-        return Measurement(innovation, H, (1.0 - share) * variance, consider=self.considered)
+        return Measurement(innovation, H, variance - lasting)
 
     def innovation_variance(self, measurement: Measurement) -> float:
         """Variance S that the innovation should have."""

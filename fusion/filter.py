@@ -119,14 +119,11 @@ class YawFilter:
     ----------
     config : FusionConfig
         Of all models.
-    cautious : bool
-        Whether the compass's lasting error is only considered (Schmidt-Kalman). Estimated as it passes, it takes up
-        motion; known from both sides, as a smoother knows it, it does not.
     """
 
-    def __init__(self, config: FusionConfig, *, cautious: bool = True) -> None:
+    def __init__(self, config: FusionConfig) -> None:
         self.config = config
-        self._ekf = YawEkf(config, considered=(State.COMPASS_ERROR,) if cautious else ())
+        self._ekf = YawEkf(config)
         self._limit = gate_limit(config)
         seconds = dict.fromkeys(Sensor, config.recovery_time) | {Sensor.TRACKS: config.slip_recovery_time}
         self._recovery_ns = {sensor: round(time * 1e9) for sensor, time in seconds.items()}
@@ -168,7 +165,11 @@ class YawFilter:
         return state
 
     def _watch(self, state: FilterState, event: FusionEvent) -> None:
-        """Note what an event says of standing; at the first sign of motion the turn rate is open again."""
+        """Note what an event says of standing; at the first sign of motion the turn rate is open again.
+
+        Tracks show a start at once. Without them it may have hidden in the gyro's noise for a while, and what the robot
+        turned meanwhile went into the bias and is missing in the yaw.
+        """
         stillness = state.stillness
         if isinstance(event, GyroEvent):
             stillness = stillness.with_gyro(event.t_ns, event.sample.yaw_rate, self._gyro_sigma(state, event.sample))
@@ -178,6 +179,10 @@ class YawFilter:
             stillness = stillness.with_increment(event.sample)
         if state.stillness.standing and not stillness.standing:
             self._ekf.widen(State.RATE, self.config.initial_rate_sigma**2)
+            if not state.hears(Sensor.TRACKS):
+                bias, turn = state.stillness.hidden_start()
+                self._ekf.widen(State.BIAS, bias**2)
+                self._ekf.widen(State.YAW, turn**2)
         state.stillness = stillness
 
     def _gyro_sigma(self, state: FilterState, sample: GyroSample) -> float:

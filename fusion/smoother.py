@@ -80,7 +80,7 @@ def smooth(samples: Iterable[Sample], config: FusionConfig | None = None) -> lis
     """
     config = config or FusionConfig()
     events = ordered_events(samples, config)
-    filter_ = YawFilter(config, cautious=False)
+    filter_ = YawFilter(config)
     starts, state = [], filter_.start
     for number, event in enumerate(events):
         if number % SEGMENT == 0:

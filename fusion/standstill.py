@@ -115,6 +115,13 @@ class Stillness:
         """After a sign of motion."""
         return Stillness(t_ns)
 
+    def hidden_start(self) -> tuple[float, float]:
+        """What `LATELY` samples of a turn that their mean does not show make of bias (rad/s) and yaw (rad)."""
+        if self.gyro_ns is None:
+            return 0.0, 0.0
+        rate, share = CLEAR * self.gyro_sigma * LATELY**-0.5, min(LATELY / self.gyro.count, 1.0)
+        return rate * share, rate * share * (self.gyro_ns - self.since_ns) * 1e-9
+
     def gyro_noise(self, sigma: float) -> float:
         """Noise of a gyro sample, rad/s: its scatter since the last sign of motion, within half and once `sigma`."""
         return min(max(self.gyro.sigma, 0.5 * sigma), sigma) if self.gyro.count >= RESTING else sigma

@@ -9,7 +9,7 @@ from scipy.linalg import expm
 
 from compass import YawIncrement, wrap_angle
 from fusion import FusionConfig, GyroSample, OdometrySample
-from fusion.ekf import DELAY_WALK
+from fusion.ekf import DELAY_WALK, LASTING
 
 GRID_HZ = 100
 SENSORS = ("gyro", "tracks", "compass")
@@ -118,7 +118,7 @@ def _tracks(rng, at, t_ns, motion, errors, config):
 
 
 def _compass(rng, at, t_ns, yaw, rate, hold, config, *, timed):
-    share, out, reference = config.compass_error_share, [], at[0]
+    out, reference = [], at[0]
     lasting = _gauss_markov(rng, yaw.size, config.compass_error_time)
     delay = config.camera_delay
     if timed:
@@ -126,8 +126,9 @@ def _compass(rng, at, t_ns, yaw, rate, hold, config, *, timed):
     yaw = yaw - (delay + config.compass_timing * rng.normal(size=yaw.size)) * rate  # at the exposure, not at the stamp
     for i in at[1:]:
         variance = float(rng.uniform(0.5e-3, 2e-3)) ** 2
-        error = math.sqrt(share) * lasting[i] + math.sqrt(1.0 - share) * rng.normal()
-        turn = float(wrap_angle(yaw[i] - yaw[reference] + math.sqrt(variance) * error))
+        lasts = min(config.compass_error**2, LASTING * variance)
+        error = math.sqrt(lasts) * lasting[i] + math.sqrt(variance - lasts) * rng.normal()
+        turn = float(wrap_angle(yaw[i] - yaw[reference] + error))
         out.append(YawIncrement(int(t_ns[reference]), int(t_ns[i]), turn, variance, 0.9))
         if (t_ns[i] - t_ns[reference]) * 1e-9 >= hold - 1e-9:
             reference = i

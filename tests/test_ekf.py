@@ -9,7 +9,7 @@ from sensor_model import turning_noise
 
 from compass import wrap_angle
 from fusion import FusionConfig
-from fusion.ekf import CLONES, DIM, TURNING, YAWS, State, YawEkf
+from fusion.ekf import CLONES, DIM, LASTING, TURNING, YAWS, State, YawEkf
 from fusion.lean import BiasGain
 
 
@@ -34,7 +34,7 @@ def expected_track_turn(x):
 
 
 def expected_compass(x, config, variance):
-    lasting = math.sqrt(config.compass_error_share * variance)
+    lasting = min(config.compass_error, math.sqrt(LASTING * variance))
     return x[State.YAW] - x[State.CLONE] + lasting * x[State.COMPASS_ERROR]
 
 
