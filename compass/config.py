@@ -65,6 +65,15 @@ class CompassConfig(ParameterSet):
         "after a gap (darkness, a camera that failed) find the last view again by its corners and tell the turn since; "
         "`parallax` only",
     )
+    look_back: float = parameter(
+        0.9,
+        "how often the turn since a view some seconds ago is told by its corners: right to a hundredth of a degree, "
+        "for the filter, at the cost of ten comparisons; 0: never; not more than the filter's `reference_window`; "
+        "`parallax` only",
+        unit="s",
+        low=0.0,
+        high=60.0,
+    )
     lean_sigma: float = parameter(
         0.02,
         "error of roll and pitch, as an IMU tells them, standard deviation; it matters while the robot leans",

@@ -38,6 +38,9 @@ class YawIncrement:
         What was seen: the scene rotated by `tilt` (rad) about the camera's x and y axes, then the camera turned by
         `turn` about its own z axis. `yaw` follows from how it was taken to lean at the reference; who knows that better
         can do better. None: `yaw` is all that is known.
+    far : bool
+        Whether it was told by corners from a view some seconds ago (`VisualCompass.look_back`). It goes along with the
+        increments from image to image, and ends and starts at images that they end at, too.
     """
 
     t_ref_ns: int
@@ -47,3 +50,4 @@ class YawIncrement:
     confidence: float
     turn: float | None = None
     tilt: tuple[float, float] = (0.0, 0.0)
+    far: bool = False

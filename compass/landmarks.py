@@ -9,17 +9,19 @@ alike: a corridor may look the same ahead and behind.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
+from typing import Any
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
+from compass.alignment import Pixels, align
 from compass.correlation import Floats
 from compass.increment import CompassStatus
 from compass.match import Match, Search
 from compass.strip import Strip
-from compass.two_views import NEAR, Motion, evidence, find_motion, misses
+from compass.two_views import NEAR, Motion, evidence, find_motion, follow_motion, misses, sharpen_motion
 
 Indices = npt.NDArray[np.intp]
 
@@ -33,22 +35,51 @@ RIVALS = 600  # pairs that look alike, but do not move as found, among which ano
 RIVALRY = 140.0  # nats for that which are too many; so is
 RELATIVE = 0.5  # so much of the first answer's
 VAGUE = np.deg2rad(3.0)  # a deviation beyond it is no answer
+SOFTNESS = 0.7  # pixels, of pictures in which corners are aligned
+ALIGNED = 400  # corners, at most
+LIKE = 0.85  # correlation of a corner with itself, at least
+ASTRAY = 4.0  # pixels from where it was; no corner is aligned over more
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Landmarks:
     """Corners of a panorama.
 
     Attributes
     ----------
-    bearings : (n, 3) array
-        Unit vectors towards them, x ahead, y left, z up.
+    strip : Strip
+        The panorama.
+    forward_px : float
+        Its column that looks along +x.
+    corners : (n, 2) array
+        Columns and rows.
     descriptors : (n, 32) array of uint8
         What they look like.
     """
 
-    bearings: Floats
+    strip: Strip
+    forward_px: float
+    corners: Floats
     descriptors: npt.NDArray[np.uint8]
+
+    @cached_property
+    def picture(self) -> Pixels:
+        """(rows, columns + 2 * PAD) grey values, a little softened."""
+        grey = np.asarray(self.strip.pixels + self.strip.means, np.float32)
+        return np.asarray(cv2.GaussianBlur(_padded(grey), (0, 0), SOFTNESS), np.float32)
+
+    @cached_property
+    def bearings(self) -> Floats:
+        """(n, 3) unit vectors towards the corners."""
+        return self.towards(self.corners)
+
+    def towards(self, corners: Floats) -> Floats:
+        """(n, 3) unit vectors towards (n, 2) columns and rows, x ahead, y left, z up."""
+        strip = self.strip
+        azimuth = -2.0 * np.pi * (corners[:, 0] + 0.5 - self.forward_px) / strip.columns
+        elevation = strip.top - (corners[:, 1] + 0.5) * strip.row_height
+        level = np.cos(elevation)
+        return np.stack([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)], axis=1)
 
 
 def match_landmarks(reference: Strip, current: Strip, search: Search) -> Match:
@@ -75,6 +106,46 @@ def match_landmarks(reference: Strip, current: Strip, search: Search) -> Match:
     )
 
 
+def follow_landmarks(reference: Strip, current: Strip, search: Search) -> Match:
+    """Turn between two views up to some metres apart where it is known to a degree or two; else LOW_CONFIDENCE.
+
+    Corners are found again to hundredths of a pixel, so that the turn is right to thousandths of a degree. The variance
+    is that of the turn about the camera's own axis; the confidence is the share of matching corners that obey the
+    motion found.
+    """
+    nothing = Match(0.0, np.inf, 0.0, CompassStatus.LOW_CONFIDENCE)
+    before, after = (landmarks_of(strip, search.forward_px) for strip in (reference, current))
+    if min(len(before.descriptors), len(after.descriptors)) < FEWEST:
+        return nothing
+    matched = _matched(before, after)[0]
+    if len(matched) < FEWEST:
+        return nothing
+    per_rad = reference.columns / (2.0 * np.pi)
+    seen, again = before.bearings[matched[:, 0]], after.bearings[matched[:, 1]]
+    motion = follow_motion(seen, again, search.expected_px / per_rad)
+    near = misses(motion.states, seen, again)[0] < NEAR**2
+    seen, again = _aligned(before, after, matched[near][:ALIGNED])
+    if len(seen) < FEWEST:
+        return nothing
+    motion = sharpen_motion(motion, seen, again)
+    return Match(
+        motion.turn * per_rad,
+        motion.variance * per_rad**2,
+        float(np.count_nonzero(near)) / len(matched),
+        tilt=(motion.tilt_x, motion.tilt_y),
+    )
+
+
+def _aligned(before: Landmarks, after: Landmarks, matched: Indices) -> tuple[Floats, Floats]:
+    """Unit vectors towards (n, 2) pairs of corners, finely, as far as they look alike."""
+    one, other = before.corners[matched[:, 0]], after.corners[matched[:, 1]]
+    padding = np.array([PAD, 0.0])
+    found, likeness = align(before.picture, after.picture, one + padding, other + padding)
+    found -= padding
+    kept = (likeness > LIKE) & (np.hypot(*(found - other).T) < ASTRAY)
+    return before.towards(one[kept]), after.towards(found[kept])
+
+
 def _rivalled(motion: Motion, nats: float, before: Landmarks, after: Landmarks, alike: Indices) -> bool:
     """Whether corners that look alike but do not obey the motion obey another one."""
     seen, again = before.bearings[alike[:, 0]], after.bearings[alike[:, 1]]
@@ -88,12 +159,11 @@ def _rivalled(motion: Motion, nats: float, before: Landmarks, after: Landmarks, 
 @lru_cache(maxsize=2)
 def landmarks_of(strip: Strip, forward_px: float) -> Landmarks:
     """Corners of the world in a strip that can be told apart."""
-    nothing = Landmarks(np.empty((0, 3)), np.empty((0, 32), np.uint8))
+    nothing = Landmarks(strip, forward_px, np.empty((0, 2)), np.empty((0, 32), np.uint8))
     if min(strip.pixels.shape) < SMALLEST:
         return nothing
     grey = np.clip(np.rint(strip.pixels + strip.means), 0, 255).astype(np.uint8)
-    around = cv2.copyMakeBorder(grey, 0, 0, PAD, PAD, cv2.BORDER_WRAP)
-    corners, descriptors = cv2.ORB.create(*DETECTOR).detectAndCompute(around, None)
+    corners, descriptors = cv2.ORB.create(*DETECTOR).detectAndCompute(_padded(grey), None)
     if descriptors is None:
         return nothing
     column, row = np.array([corner.pt for corner in corners]).T - [[PAD], [0.0]]
@@ -101,11 +171,13 @@ def landmarks_of(strip: Strip, forward_px: float) -> Landmarks:
     if strip.seen is not None:
         at = np.rint(row).astype(np.intp), np.rint(column).astype(np.intp) % strip.columns
         inside &= strip.seen.pixels[at] > 0.0
-    azimuth = -2.0 * np.pi * (column[inside] + 0.5 - forward_px) / strip.columns
-    elevation = strip.top - (row[inside] + 0.5) * strip.row_height
-    level = np.cos(elevation)
-    bearings = np.stack([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)], axis=1)
-    return Landmarks(bearings, np.asarray(descriptors, np.uint8)[inside])
+    corners_inside = np.stack([column[inside], row[inside]], axis=1)
+    return Landmarks(strip, forward_px, corners_inside, np.asarray(descriptors, np.uint8)[inside])
+
+
+def _padded(picture: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """A panorama with `PAD` columns repeated on either side."""
+    return cv2.copyMakeBorder(picture, 0, 0, PAD, PAD, cv2.BORDER_WRAP)
 
 
 def _matched(before: Landmarks, after: Landmarks) -> tuple[Indices, Indices]:
@@ -115,8 +187,9 @@ def _matched(before: Landmarks, after: Landmarks) -> tuple[Indices, Indices]:
     """
     one, other = before.descriptors, after.descriptors
     distance, nearest = cv2.batchDistance(one, other, cv2.CV_32S, normType=cv2.NORM_HAMMING, K=2)
-    back = cv2.batchDistance(other, one, cv2.CV_32S, normType=cv2.NORM_HAMMING, K=1)[1][:, 0]
-    mutual = back[nearest[:, 0]] == np.arange(len(one))
-    clear = np.flatnonzero(mutual & (distance[:, 0] < RATIO * distance[:, 1]))
+    clear = np.flatnonzero(distance[:, 0] < RATIO * distance[:, 1])
+    if clear.size:
+        back = cv2.batchDistance(other[nearest[clear, 0]], one, cv2.CV_32S, normType=cv2.NORM_HAMMING, K=1)[1][:, 0]
+        clear = clear[back == clear]
     order = np.argsort(distance, axis=None, kind="stable")
     return np.stack([clear, nearest[clear, 0]], axis=1), np.stack([order // 2, nearest.ravel()[order]], axis=1)

@@ -2,7 +2,8 @@
 
 What was seen in the direction b before the camera moved along t is afterwards seen on the great circle through b and t,
 further from t than before, and not behind -t. Two things give turn and t in closed form. Of many pairs that are drawn,
-the motions that most directions obey are refined.
+the motions that most directions obey are refined. Where the turn is known to a degree, nothing needs to be drawn: all
+directions of travel are tried.
 """
 
 from __future__ import annotations
@@ -26,10 +27,16 @@ ROUNDS = 8  # at most, at each width
 STEP = 1e-4  # rad, of numerical derivatives; a smaller change of the turn ends a width
 PRIORS = np.deg2rad([1e3, 1e3, 6.0, 6.0, 6.0])  # deviations of turn, direction, tilt about x and y, climb
 UNTILT = np.array([[0, 0, 0, 0, 0, 1, 0, -1, 0], [0, 0, -1, 0, 0, 0, 1, 0, 0.0]])  # rotations by -1 about x and y
+FINE_WIDTHS = np.deg2rad([1.0, 0.35, 0.12])  # the same of directions that are known to hundredths of a pixel
+ALL_ROUND = np.linspace(0.0, 2.0 * np.pi, 36, endpoint=False)  # directions of travel to begin with
+OTHERS = np.deg2rad([60.0, 180.0, 300.0])  # from the likeliest: it may be the wrong one
+OBEYED = np.deg2rad(0.25)  # by which a finely known direction may miss
+TRIED_ON = 120  # directions that choose among those
 NEAR = np.deg2rad(1.0)  # by which a direction may miss the refined motion
 SHUFFLES = 8  # of the partners, to know what chance gives
 INDEPENDENT = 0.25  # share of those that obey: neighbours err together
 FLOOR = np.deg2rad(0.06)  # error that no number of directions averages out
+FINE_FLOOR = np.deg2rad(0.004)  # the same of finely known ones
 LEANING = 4.0  # error of the turn per tilt or climb and share of the directions that do not obey
 
 
@@ -97,6 +104,28 @@ def find_motion(seen: Floats, again: Floats, besides: float | None = None) -> Mo
     return replace(best, variance=best.variance + doubt)
 
 
+def follow_motion(seen: Floats, again: Floats, turn: float) -> Motion:
+    """The motion that most directions obey, some of which are mistaken; `turn` (rad) is right to a degree or two."""
+    level = np.zeros((len(ALL_ROUND), 5))
+    level[:, 0], level[:, 1] = turn, ALL_ROUND
+    miss = misses(level, seen.astype(np.float32), again.astype(np.float32))
+    likeliest = np.maximum(1.0 - miss / ROUGH**2, 0.0).sum(axis=1).argmax()
+    return _refined(level[likeliest], seen, again, WIDTHS[1:])
+
+
+def sharpen_motion(motion: Motion, seen: Floats, again: Floats) -> Motion:
+    """The motion near `motion` that finely known directions obey; its direction of travel may be another one."""
+    some = np.random.default_rng(3).permutation(len(seen))[:TRIED_ON]
+    seen_some, again_some = seen[some], again[some]
+    tried = [_refined(motion.states[0], seen_some, again_some, FINE_WIDTHS[1:])]
+    for other in OTHERS:
+        start = np.array([motion.turn, motion.states[0, 1] + other, 0.0, 0.0, 0.0])
+        tried.append(_refined(start, seen_some, again_some, FINE_WIDTHS))
+    miss = misses(np.concatenate([one.states for one in tried]), seen_some, again_some)
+    best = tried[int(np.maximum(1.0 - miss / OBEYED**2, 0.0).sum(axis=1).argmax())]
+    return _refined(best.states[0], seen, again, FINE_WIDTHS[-1:], FINE_FLOOR)
+
+
 def _doubt(best: Motion, other: Motion) -> float:
     """Variance of a turn that, as the odds of what obeys them are, could be another one, rad^2."""
     odds = np.exp(INDEPENDENT * (other.obeyed - best.obeyed))
@@ -145,10 +174,10 @@ def misses(motions: Floats, seen: Floats, again: Floats) -> Floats:
     return np.asarray(np.square(_angles_missed(motions, seen, again)).sum(axis=0))
 
 
-def _refined(states: Floats, seen: Floats, again: Floats) -> Motion:
+def _refined(states: Floats, seen: Floats, again: Floats, widths: Floats = WIDTHS, floor: float = FLOOR) -> Motion:
     """The motion near `states`, (5,), that the directions near it obey best: Gauss-Newton, each time more narrowly."""
     trials = STEP * np.concatenate([np.zeros((1, 5)), np.eye(5), -np.eye(5)])
-    for width in WIDTHS:
+    for width in widths:
         for _ in range(ROUNDS):
             angles = _angles_missed(states + trials, seen, again).transpose(1, 0, 2)
             weight = np.tile((1.0 + np.square(angles[0]).sum(axis=0) / width**2) ** -2, 3)
@@ -163,7 +192,7 @@ def _refined(states: Floats, seen: Floats, again: Floats) -> Motion:
     known = scatter * np.linalg.inv(precision)[0, 0] / INDEPENDENT
     missed = misses(states[None], seen, again)
     astray = float(np.mean(missed > NEAR**2))
-    variance = float(known + FLOOR**2 + (LEANING * astray) ** 2 * (states[2:] @ states[2:]))
+    variance = float(known + floor**2 + (LEANING * astray) ** 2 * (states[2:] @ states[2:]))
     return Motion(states[None], variance, float(np.maximum(1.0 - missed / NEAR**2, 0.0).sum()))
 
 

@@ -14,6 +14,7 @@ from compass.config import CompassConfig
 from compass.image import Image
 from compass.increment import CompassStatus, YawIncrement
 from compass.landmarks import match_landmarks
+from compass.look_back import Look, LookBack, View
 from compass.mask import load_mask
 from compass.match import Match, Method, Search
 from compass.parallax import match_parallax
@@ -88,6 +89,7 @@ class VisualCompass:
         self._still_since_ns = 0
         self._unmatched_since_ns: int | None = None
         self._sought_ns = 0  # when the last view was last sought by its corners
+        self._look_back = LookBack()
 
     def update(self, t_ns: int, image: Image, encoding: str = "") -> YawIncrement | None:
         """Take in one panorama.
@@ -136,6 +138,28 @@ class VisualCompass:
             self.status, match = CompassStatus.FOUND_AGAIN, found
         return self._accept(strip, match)
 
+    def look_back(self) -> YawIncrement | None:
+        """Turn from a view some seconds ago to the last image, by their corners; to be asked after each `update`.
+
+        It is right to a hundredth of a degree, however much was driven past meanwhile, and takes some ten times as long
+        as an `update`. `yaw` leaves it out: that is the sum of the increments from image to image. `YawFusion` takes
+        both.
+
+        Returns
+        -------
+        YawIncrement or None
+            None where it is not due (`CompassConfig.look_back`), the last image gave no increment, or too little of the
+            view is left.
+        """
+        look = self.due_look()
+        return look() if look else None
+
+    def due_look(self) -> Look | None:
+        """What `look_back` would do now, if it is due; it may be called in another thread while images go on."""
+        if self._last is None or self.status not in (CompassStatus.OK, CompassStatus.FOUND_AGAIN):
+            return None
+        return self._look_back.due(View(self._last, self.yaw, self.yaw_variance, self._leans), self.config)
+
     def _backward(self, t_ns: int) -> bool:
         """Whether the image is to be ignored; a row of rising stamps is the true time, and the later one was wrong."""
         if self._newest is None or t_ns > self._newest.t_ns:
@@ -174,6 +198,8 @@ class VisualCompass:
         self._keyframe_yaw, self._keyframe_variance = self.yaw, self.yaw_variance
         self._keyframe_leans = self._leans = self._lean_of(strip) or Tilted()
         self._unmatched_since_ns, self._sought_ns = None, strip.t_ns
+        view = View(strip, self.yaw, self.yaw_variance, self._leans) if self._keyframe is not None else None
+        self._look_back.start_from(view, strip.t_ns)
 
     def _find_again(self, keyframe: Strip, strip: Strip) -> Match | None:
         """Seek the last good view, by now the keyframe, by its corners; not at once, and not at every image."""

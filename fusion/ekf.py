@@ -21,8 +21,10 @@ from fusion.lean import BiasGain
 from fusion.motion import integrate_gauss_markov, turning
 
 Array = npt.NDArray[np.float64]
-CLONES = 3
+CLONES = 5  # two images and a keyframe; two views some seconds apart
 LASTING = 0.5  # share of an increment's variance, at most, that is taken to last beyond it
+FAR_LASTING = 0.15  # the same share of one from some seconds ago
+FAR_TIME = 2.0  # s, how long that lasts
 CREEP_RATE = 5e-4  # rad/s, slower than standstill can be told from
 DELAY_WALK = 0.2  # 1/sqrt(s), wander of the camera's delay for what its stamps stray by
 STILL_TURN = 1e-5  # rad, what standing still leaves of a turn
@@ -45,7 +47,8 @@ class State(IntEnum):
     COMPASS_ERROR = 11  # lasting error of the compass, in units of its standard deviation
     CAMERA_DELAY = 12  # from the exposure of an image to its stamp, s
     CROSS_BIAS = 13  # what the gyro adds about the robot's y axis, rad/s; a robot that leans turns it into BIAS
-    CLONE = 14  # first of CLONES yaws at the exposure of images, rad
+    FAR_ERROR = 14  # the same of increments from some seconds ago
+    CLONE = 15  # first of CLONES yaws at the exposure of images, rad
 
 
 DIM = State.CLONE + CLONES
@@ -130,7 +133,7 @@ class YawEkf(ExtendedKalmanFilter):
         sigma[State.SCALE] = config.initial_scale_sigma
         sigma[State.GYRO_SCALE] = config.gyro_scale_sigma
         sigma[State.VEER] = config.veer_sigma
-        sigma[State.SLIP] = sigma[State.COMPASS_ERROR] = 1.0
+        sigma[State.SLIP] = sigma[State.COMPASS_ERROR] = sigma[State.FAR_ERROR] = 1.0
         sigma[State.CAMERA_DELAY] = config.camera_delay_sigma
         self.P = np.diag(sigma**2)
         self.P[np.ix_(YAWS, YAWS)] = config.initial_yaw_sigma**2
@@ -169,8 +172,9 @@ class YawEkf(ExtendedKalmanFilter):
         Q[State.CAMERA_DELAY, State.CAMERA_DELAY] = DELAY_WALK**2 * self.stray * dt
         F[State.TRACK_ERROR, State.VEER] = self.track_speed * dt
         integrate_gauss_markov(F, Q, State.SLIP, State.TRACK_ERROR, config.slip_time, 1.0, self.track_stray, dt)
-        F[State.COMPASS_ERROR, State.COMPASS_ERROR] = math.exp(-dt / config.compass_error_time)
-        Q[State.COMPASS_ERROR, State.COMPASS_ERROR] = -math.expm1(-2.0 * dt / config.compass_error_time)
+        for error, time in ((State.COMPASS_ERROR, config.compass_error_time), (State.FAR_ERROR, FAR_TIME)):
+            F[error, error] = math.exp(-dt / time)
+            Q[error, error] = -math.expm1(-2.0 * dt / time)
         return F, Q
 
     def hear_tracks(self, yaw_rate: float, speed: float) -> None:
@@ -326,16 +330,18 @@ class YawEkf(ExtendedKalmanFilter):
         self.P = self.P.copy()
         self.P[index, index] += variance
 
-    def compass(self, yaw: float, variance: float, since: int, until: int) -> Measurement:
+    def compass(self, yaw: float, variance: float, since: int, until: int, *, far: bool = False) -> Measurement:
         """What an increment (rad, variance rad^2) between the clones `since` and `until` says, modulo a turn.
 
         Part of its error lasts from image to image and beyond the reference (parallax keeps its sign while the robot
-        passes the same things): a Gauss-Markov state of `compass_error`, or `LASTING` of the variance if that is less.
+        passes the same things): a Gauss-Markov state of `compass_error`, or `LASTING` of the variance if that is less;
+        of an increment from some seconds ago another one, of `FAR_LASTING` of the variance.
         """
-        lasting = min(self.config.compass_error**2, LASTING * variance)
+        error = State.FAR_ERROR if far else State.COMPASS_ERROR
+        lasting = FAR_LASTING * variance if far else min(self.config.compass_error**2, LASTING * variance)
         H = np.zeros((1, DIM))
         H[0, until], H[0, since] = 1.0, -1.0
-        H[0, State.COMPASS_ERROR] = math.sqrt(lasting)
+        H[0, error] = math.sqrt(lasting)
         innovation = float(wrap_angle(yaw - float((H @ self.x)[0])))
         return Measurement(innovation, H, variance - lasting)
 

@@ -60,10 +60,11 @@ class CompassEvent:
 
 @dataclass(frozen=True, slots=True)
 class ReferenceEvent:
-    """The capture time of a compass reference, at which the yaw must be remembered."""
+    """The capture time of a compass reference, at which the yaw must be remembered; `far`: for some seconds."""
 
     t_ns: int
     order: tuple[int | float, ...]
+    far: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,12 +89,13 @@ def event_of(sample: Sample) -> FusionEvent:
     if isinstance(sample, OdometrySample):
         pose = (0, 0.0) if sample.yaw is None else (1, sample.yaw)
         return TracksEvent(sample, t, (t, Rank.TRACKS, sample.yaw_rate, sample.speed, *pose))
-    return CompassEvent(sample, t, (t, Rank.COMPASS, sample.t_ref_ns, sample.yaw, sample.variance, sample.confidence))
+    told = sample.t_ref_ns, sample.yaw, sample.variance, sample.confidence
+    return CompassEvent(sample, t, (t, Rank.COMPASS, sample.far, *told))
 
 
 def reference_of(increment: YawIncrement) -> ReferenceEvent:
     """Make the event that remembers the yaw at an increment's reference."""
-    return ReferenceEvent(increment.t_ref_ns, (increment.t_ref_ns, Rank.REFERENCE))
+    return ReferenceEvent(increment.t_ref_ns, (increment.t_ref_ns, Rank.REFERENCE, increment.far), increment.far)
 
 
 def sensor_of(sample: Sample) -> Sensor:

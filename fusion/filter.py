@@ -43,6 +43,8 @@ class Clone:
         When an increment last referred to it.
     reference : bool
         Whether an increment refers to it, or only might.
+    far : bool
+        Whether it belongs to the last increment from some seconds ago, so that the next one may refer to it.
     exposure : Exposure
         Of the image.
     up : tuple of float or None
@@ -54,6 +56,7 @@ class Clone:
     reference: bool
     exposure: Exposure
     up: Vector | None
+    far: bool = False
 
 
 @dataclass(slots=True)
@@ -159,7 +162,9 @@ class YawFilter:
         elif isinstance(event, HeadingEvent):
             ekf.turn_frame(event.heading, event.variance)
         else:
-            self._remember(state, event.t_ns, reference=True)
+            slot = self._remember(state, event.t_ns, reference=True)
+            if event.far:
+                self._keep(state, slot)
         self._settle(state)
         state.x, state.P = ekf.x, ekf.P
         return state
@@ -175,7 +180,7 @@ class YawFilter:
             stillness = stillness.with_gyro(event.t_ns, event.sample.yaw_rate, self._gyro_sigma(state, event.sample))
         elif isinstance(event, TracksEvent):
             stillness = stillness.with_tracks(event.sample)
-        elif isinstance(event, CompassEvent):
+        elif isinstance(event, CompassEvent) and not event.sample.far:
             stillness = stillness.with_increment(event.sample)
         if state.stillness.standing and not stillness.standing:
             self._ekf.widen(State.RATE, self.config.initial_rate_sigma**2)
@@ -270,15 +275,18 @@ class YawFilter:
             state.references_lost += 1
             slot = self._remember(state, event.sample.t_ref_ns, reference=True)
         increment = self._levelled(event.sample, state.clones[slot])
-        self._take_vote(state, increment, slot if known else None)
+        if not increment.far:
+            self._take_vote(state, increment, slot if known else None)
         self._use(state, slot, event.t_ns)
         image = self._remember(state, event.t_ns, reference=False)
+        if increment.far:
+            self._keep(state, slot, image)
         since, until = State.CLONE + slot, State.CLONE + image
-        measurement = ekf.compass(increment.yaw, increment.variance, since, until)
+        measurement = ekf.compass(increment.yaw, increment.variance, since, until, far=increment.far)
         rate = float(ekf.x[State.RATE])
         others = max(ekf.innovation_variance(measurement) - ekf.stray * rate**2, measurement.R)
         verdict = self._judge(state, Sensor.COMPASS, measurement) if known else None
-        if known and state.vote.distrusted is None:
+        if known and state.vote.distrusted is None and not increment.far:
             state.stray = state.stray.after(measurement.innovation, others, rate)
         if not known or state.vote.distrusted is Sensor.COMPASS:
             ekf.anchor(since, measurement)
@@ -334,9 +342,9 @@ class YawFilter:
         clones = state.clones
         slot = self._slot_of(state, t_ns)
         if slot is None:
-            slot = next((i for i, c in enumerate(clones) if not c or not c.reference), None)
+            slot = next((i for i, c in enumerate(clones) if not c or not (c.reference or c.far)), None)
             if slot is None:
-                slot = min(range(CLONES), key=lambda i: c.used_ns if (c := clones[i]) else 0)
+                slot = min(range(CLONES), key=lambda i: (c.far, c.used_ns) if (c := clones[i]) else (False, 0))
             exposure = self._exposure(state)
             self._ekf.clone_exposure(State.CLONE + slot, exposure)
             up = state.trail.up_at(t_ns - round(exposure.delay * 1e9))
@@ -345,6 +353,11 @@ class YawFilter:
         elif reference:
             self._use(state, slot, t_ns)
         return slot
+
+    @staticmethod
+    def _keep(state: FilterState, *slots: int) -> None:
+        """Keep the clones in these slots until the next increment from some seconds ago, and no others."""
+        state.clones = tuple(replace(c, far=i in slots) if c else None for i, c in enumerate(state.clones))
 
     def _exposure(self, state: FilterState) -> Exposure:
         """What happened between the exposure of an image stamped at present, and now."""

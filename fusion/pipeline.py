@@ -156,6 +156,8 @@ class YawPipeline:
     ----------
     leans : LeanLog
         What the gyro's samples said of the robot's lean; the compass asks it.
+    far : YawIncrement or None
+        What the last image gave from a view some seconds ago.
     """
 
     def __init__(self, compass_config: CompassConfig | None = None, fusion_config: FusionConfig | None = None) -> None:
@@ -164,12 +166,15 @@ class YawPipeline:
         self.leans = LeanLog()
         self.compass = VisualCompass(compass_config or CompassConfig(), self.leans.at)
         self.fusion = YawFusion(fusion_config)
+        self.far: YawIncrement | None = None
 
     def add_image(self, t_ns: int, image: npt.NDArray[Any], encoding: str = "") -> YawIncrement | None:
-        """Feed a panorama captured at `t_ns`; its increment, if any, is fused and returned."""
+        """Feed a panorama captured at `t_ns`; what it gives is fused, and the increment from the keyframe returned."""
         increment: YawIncrement | None = self.compass.update(t_ns, image, encoding)
-        if increment is not None:
-            self.fusion.add(increment)
+        self.far = self.compass.look_back()
+        for one in (increment, self.far):
+            if one is not None:
+                self.fusion.add(one)
         return increment
 
     def add(self, sample: Sample) -> bool:

@@ -17,6 +17,7 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 from sensor_msgs.msg import CompressedImage, Image
 
 from compass import CompassStatus, VisualCompass, YawIncrement
+from compass.look_back import Look
 from fusion.compass_rate import CompassRate
 from fusion.messages import image_of, stamp_to_ns
 from fusion.settings import Settings
@@ -47,7 +48,7 @@ class CompassStream:
     complain : Complaints
         Told of every image that cannot be used.
     use : callable, optional
-        Takes every increment, in the image thread.
+        Takes every increment, in the image thread, or that which looks back.
     """
 
     def __init__(
@@ -77,6 +78,8 @@ class CompassStream:
         self.topic = (compressed_topic if compressed else raw_topic)(topics.compass_image)
         work = surviving(node, self.topic, complain, self._work)
         self._worker: NewestWorker[ImageMessage] = NewestWorker(work, "images")
+        look = surviving(node, self.topic, complain, self._look)
+        self._back: NewestWorker[Look] = NewestWorker(look, "looking back")  # takes longer than an image may
         self._publisher = node.create_publisher(Odometry, topics.compass_output_topic, 10)
         node.create_subscription(
             self._kind,
@@ -98,8 +101,9 @@ class CompassStream:
             self._reset()
 
     def close(self) -> None:
-        """End the image thread."""
+        """End the threads."""
         self._worker.close()
+        self._back.close()
 
     def finding(self) -> Finding:
         """What the diagnostics say of images and compass."""
@@ -138,10 +142,18 @@ class CompassStream:
             self._publish(increment)
             if self._use is not None:
                 self._use(increment)
+                look = compass.due_look()
+                if look is not None:
+                    self._back.offer(look)
         elif compass.status is not CompassStatus.FIRST_FRAME:
             self._complain(self.topic, compass.status.value)
             return
         self.health.use(time.monotonic(), t_ns)
+
+    def _look(self, look: Look) -> None:
+        far = look()
+        if far is not None and self._use is not None:
+            self._use(far)
 
     def _watch_time(self, t_ns: int) -> None:
         self._backward_in_a_row += 1

@@ -1,4 +1,4 @@
-"""The table of `compass/README.md` on gaps: views of simulated drives some seconds apart, found again or refused.
+"""The tables of `compass/README.md` on views of simulated drives some seconds apart: sought, and looked back at.
 
     python tests/gap_table.py
 
@@ -13,7 +13,7 @@ from panoramas import PHOTO_NAMES, PHOTOS, as_bytes, azimuths, photo, seen_from,
 
 from compass import CompassConfig, CompassStatus, wrap_angle
 from compass.attitude import Tilted
-from compass.landmarks import match_landmarks
+from compass.landmarks import follow_landmarks, match_landmarks
 from compass.match import Search
 from compass.strip import prepare_strip
 from fusion.simulation import simulate
@@ -23,6 +23,7 @@ PLACES = (  # drives of one line are in one place
     ("dark_gap", "demo"), ("square20", "stop_and_go"), ("crowd",), ("free_race_outdoor", "spin5_yard"), ("weave",),
     ("rough_ground",), ("free_race_passage",), ("symmetric_corridor",),
 )  # fmt: skip
+LOOKED_BACK = 1, 2, 4  # s
 DARK = (7.4, 10.6)  # s
 UNRELATED = 600
 
@@ -56,13 +57,28 @@ def px_error(match, turn_px):
     return wrap_angle((match.shift_px - turn_px) * per_px), match.variance_px2 * per_px**2
 
 
+def looked_back(name, worlds, apart):
+    """Views of one drive so many seconds apart, the turn known to 0.2 deg."""
+    rng, count, errors = np.random.default_rng(0), 0, []
+    for views in worlds:
+        for one, other in combinations(views, 2):
+            if abs(other.t - one.t - apart) < 0.3:
+                count += 1
+                expected = wrap_angle(other.yaw - one.yaw) + math.radians(0.2) * rng.normal()
+                search = Search(expected * WIDTH / math.tau, 0.0, WIDTH / 2)
+                match = follow_landmarks(one.strip, other.strip, search)
+                if match.status is CompassStatus.OK:
+                    errors.append(error(one, other, match))
+    report(f"{name}, {apart} s", count, errors)
+
+
 def report(name, count, errors):
     """One line: pairs, share found, RMS and worst error in deg, mean squared error over variance."""
     line = f"{name}: {count} pairs, {100.0 * len(errors) / count:.0f} % found"
     if errors:
         error, variance = np.array(errors).T
         rms, worst = np.rad2deg([np.sqrt(np.mean(error**2)), np.abs(error).max()])
-        line += f", RMS {rms:.2f}, worst {worst:.1f} deg, error^2 / variance {np.mean(error**2 / variance):.1f}"
+        line += f", RMS {rms:.3f}, worst {worst:.2f} deg, error^2 / variance {np.mean(error**2 / variance):.1f}"
     print(line, flush=True)
 
 
@@ -143,6 +159,9 @@ def photographs():
 if __name__ == "__main__":
     photographs()
     views = {name: [views_of(name, seed) for seed in SEEDS] for place in PLACES for name in place}
+    for name, worlds in views.items():
+        for apart in LOOKED_BACK:
+            looked_back(name, worlds, apart)
     for name, worlds in views.items():
         same_place(name, worlds)
     different_places(views)

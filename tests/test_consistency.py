@@ -5,14 +5,15 @@ The bounds hold for all 33 averages together with 95 % (each with 1 - 0.05 / 33,
 """
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy.stats import chi2
-from sensor_model import SUBSETS, drawn_drive
+from sensor_model import SUBSETS, drawn_drive, far_increments
 
 from compass import YawIncrement
-from fusion import FusionConfig, Sensor
+from fusion import FusionConfig, Sensor, YawFusion
 from fusion.events import event_of, reference_of
 from fusion.filter import YawFilter
 from fusion.stray import SIGMAS, Stray
@@ -39,11 +40,11 @@ def modelled(seed, **fields):
 def run(drive, config):
     """The final error of (yaw, rate, bias, scale), normalised and squared; each sensor's normalised innovations."""
     events = [event_of(sample) for sample in drive.samples]
-    references = {sample.t_ref_ns: reference_of(sample) for sample in drive.samples if isinstance(sample, YawIncrement)}
+    references = {reference_of(sample) for sample in drive.samples if isinstance(sample, YawIncrement)}
     filter_ = YawFilter(config)
     state = filter_.start
     nis = {sensor: [] for sensor in Sensor}
-    for event in sorted([*events, *references.values()], key=lambda event: event.order):
+    for event in sorted([*events, *references], key=lambda event: event.order):
         before, state = state, filter_.step(state, event)
         for sensor, gate in state.gates.items():
             if gate is not before.gates[sensor]:
@@ -92,3 +93,23 @@ def test_nees_lies_in_its_bounds_while_it_is_learnt_how_far_stamps_stray(sensors
         drive = drawn_drive(seed, sensors, 6.0, drawn, gyro_hz=25, track_hz=10, compass_hz=5)
         nees.append(run(drive, modelled(seed))[0])
     assert_mean_of_chi_square(np.mean(nees), 4, DRIVES)
+
+
+@pytest.mark.parametrize("sensors", [s for s in SUBSETS if "compass" in s], ids="+".join)
+def test_nees_lies_in_its_bounds_with_views_from_some_seconds_ago(sensors):
+    """Most of their references are older than `reference_window`: the filter must have kept them."""
+    nees, sigmas = [], {True: [], False: []}
+    for seed in range(DRIVES):
+        config = replace(modelled(seed), camera_delay_sigma=0.0, compass_timing=0.0, compass_timing_factor=1.0)
+        drive = drawn_drive(seed, sensors, 8.0, config, gyro_hz=25, track_hz=10, compass_hz=5, hold=0.6)
+        with_far = replace(drive, samples=[*drive.samples, *far_increments(drive, seed)])
+        nees.append(run(with_far, config)[0])
+        if seed < 5:
+            for far, samples in ((True, with_far.samples), (False, drive.samples)):
+                fusion = YawFusion(config)
+                for sample in sorted(samples, key=lambda sample: sample.t_ns):
+                    fusion.add(sample)
+                assert fusion.state.references_lost == 0
+                sigmas[far].append(math.sqrt(fusion.estimate().yaw_variance))
+    assert_mean_of_chi_square(np.mean(nees), 4, DRIVES)
+    assert np.mean(sigmas[True]) < 0.6 * np.mean(sigmas[False])

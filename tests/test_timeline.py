@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from sensor_model import drawn_drive
+from sensor_model import drawn_drive, far_increments
 
 from compass import YawIncrement
 from fusion import FusionConfig, GyroSample, OdometrySample, YawFusion
@@ -63,7 +63,8 @@ def test_any_order_inside_window_spells_the_same(pairs, rng):
     assert shuffled.state == ordered.state
 
 
-DRIVE = drawn_drive(0, seconds=3.0, hold=0.4).samples
+DRAWN = drawn_drive(0, seconds=3.0, hold=0.4)
+DRIVE = sorted([*DRAWN.samples, *far_increments(DRAWN, 0)], key=lambda sample: sample.t_ns)
 
 
 @settings(max_examples=15, deadline=None)

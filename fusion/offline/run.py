@@ -37,6 +37,8 @@ class CompassReading:
         Accumulated yaw and its standard deviation, rad; NaN where no increment was given.
     rate, rate_variance : float
         Mean turn rate since the image before, rad/s, and its variance; NaN where no increment was given.
+    far : YawIncrement or None
+        The turn from a view some seconds ago, where it was due.
     """
 
     status: CompassStatus
@@ -45,6 +47,11 @@ class CompassReading:
     sigma: float = math.nan
     rate: float = math.nan
     rate_variance: float = math.nan
+    far: YawIncrement | None = None
+
+    def increments(self) -> Iterator[YawIncrement]:
+        """All that the filter was given."""
+        return (one for one in (self.increment, self.far) if one)
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,7 +123,7 @@ def fuse_recording(recording: Recording, settings: Settings, progress: Progress 
 
 def smooth_run(run: FusedRun, settings: Settings) -> None:
     """Give the rows of a run their smoothed estimates."""
-    increments = (row.compass.increment for row in run.rows if row.compass and row.compass.increment)
+    increments = (one for row in run.rows if row.compass for one in row.compass.increments())
     samples: list[Sample] = [*run.gyro.samples(), *run.odometry.samples(), *increments]
     smoothed = {estimate.t_ns: estimate for estimate in smooth(samples, settings.fusion)}
     run.rows = [replace(row, smoothed=smoothed.get(row.t_ns)) for row in run.rows]
@@ -163,7 +170,8 @@ class _Run:
         if increment is None:
             return CompassReading(compass.status)
         rate, variance = self._rate.update(increment)
-        return CompassReading(compass.status, increment, compass.yaw, math.sqrt(compass.yaw_variance), rate, variance)
+        sigma = math.sqrt(compass.yaw_variance)
+        return CompassReading(compass.status, increment, compass.yaw, sigma, rate, variance, self.pipeline.far)
 
     def _note(self, t_ns: int, reading: CompassReading | None) -> None:
         reports = {sensor: report for sensor, report in self.pipeline.fusion.reports().items() if report}

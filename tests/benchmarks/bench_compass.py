@@ -27,8 +27,8 @@ from rich.table import Table
 
 from compass import CompassConfig, VisualCompass, wrap_angle
 from compass.config import METHODS
-from compass.landmarks import match_landmarks
-from compass.match import Search
+from compass.landmarks import follow_landmarks, match_landmarks
+from compass.match import Method, Search
 from compass.strip import prepare_strip
 from compass.visual_compass import UpAt
 
@@ -122,15 +122,16 @@ def show_costs(console: Console) -> None:
         table.add_row(method, *cells)
     console.print(table)
     console.print(f"limit: {LIMIT:g} times one scipy.fft.rfft of the strip; the dearest update compares twice")
-    console.print(f"view found again after a gap: {1e3 * min(cost_of_finding() for _ in range(REPEATS)):.0f} ms")
+    for what, method in (("view found again after a gap", match_landmarks), ("look back", follow_landmarks)):
+        console.print(f"{what}: {1e3 * min(cost_of_corners(method) for _ in range(REPEATS)):.0f} ms")
 
 
-def cost_of_finding() -> float:
-    """Seconds to find a view again, a step and a third of the circle on."""
+def cost_of_corners(method: Method) -> float:
+    """Seconds to compare a view with another by their corners, a step and a third of the circle on."""
     config, view = CompassConfig(), scene(1, SHAPE[1], SHAPE[0])
     after = shifted(seen_from(view, 0.3, 0.8, 1.5), 333.3)
     strips = [prepare_strip(k, as_bytes(image, NOISE, k), config) for k, image in enumerate((view, after))]
-    return duration(lambda: match_landmarks(*strips, Search(0.0, SHAPE[1], SHAPE[1] / 2)))
+    return duration(lambda: method(*strips, Search(333.3, SHAPE[1], SHAPE[1] / 2)))
 
 
 def bound(image: np.ndarray) -> float:

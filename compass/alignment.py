@@ -1,0 +1,84 @@
+"""Where small patches of one picture are in another, to hundredths of a pixel.
+
+Each patch may have moved, been stretched, sheared and lit otherwise: the inverse compositional algorithm of Lucas and
+Kanade, all patches at once (Baker & Matthews 2004, doi:10.1023/B:VISI.0000011205.11775.fd).
+"""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from compass.correlation import Floats
+
+Pixels = npt.NDArray[np.float32]
+
+REACH = 7  # pixels from the middle of a patch to its edge
+_ACROSS, _DOWN = (one.ravel() for one in np.meshgrid(*[np.arange(-REACH, REACH + 1, dtype=np.float32)] * 2))
+_WINDOW = np.exp(-(_ACROSS**2 + _DOWN**2) / (2.0 * (0.6 * REACH) ** 2))
+_WINDOW /= _WINDOW.sum()
+ROUNDS = 8
+FURTHEST = 1.0  # pixels that a patch moves in one round
+STRONGEST = 0.2  # by which it is stretched in one
+FLAT = 1e-3  # grey values of 255; keeps what cannot be told at its start
+
+
+def align(before: Pixels, after: Pixels, at: Floats, start: Floats) -> tuple[Floats, Floats]:
+    """Find patches again.
+
+    Parameters
+    ----------
+    before, after : (rows, columns) float32 arrays
+        Pictures.
+    at, start : (n, 2) arrays
+        Column and row of the patches' middles before, and, to a pixel or two, after.
+
+    Returns
+    -------
+    found : (n, 2) array
+        Columns and rows after.
+    likeness : (n,) array
+        Normalised correlation of the patches, -1..1.
+    """
+    stretch = np.tile(np.eye(2, dtype=np.float32), (len(at), 1, 1))
+    right, down = (_patches(_slope(before, *along), at, stretch) for along in ((1, 0), (0, 1)))
+    wanted = _levelled(_patches(before, at, stretch))
+    contrast = _contrast(wanted)
+    steepest = np.stack([right, down, right * _ACROSS, right * _DOWN, down * _ACROSS, down * _DOWN], axis=1)
+    steepest -= (steepest @ _WINDOW)[..., None]
+    weighed = steepest * _WINDOW
+    answer = np.linalg.inv(weighed @ steepest.transpose(0, 2, 1) + FLAT * np.eye(6, dtype=np.float32)) @ weighed
+    found = start.astype(np.float32)
+    for _ in range(ROUNDS):
+        patch = _levelled(_patches(after, found, stretch))
+        patch *= contrast / _contrast(patch)
+        change = (answer @ (patch - wanted)[..., None])[..., 0]
+        bend = np.clip(change[:, 2:], -STRONGEST, STRONGEST).reshape(-1, 2, 2)
+        stretch = stretch @ np.linalg.inv(np.eye(2, dtype=np.float32) + bend)
+        found -= (stretch @ np.clip(change[:, :2, None], -FURTHEST, FURTHEST))[..., 0]
+    patch = _levelled(_patches(after, found, stretch))
+    return found.astype(float), (patch * wanted) @ _WINDOW / (contrast * _contrast(patch))[:, 0]
+
+
+def _slope(picture: Pixels, across: int, down: int) -> Pixels:
+    """Change per pixel."""
+    return np.asarray(cv2.Sobel(picture, cv2.CV_32F, across, down, ksize=3, scale=0.125), np.float32)
+
+
+def _patches(picture: Pixels, at: Floats, stretch: Pixels) -> Pixels:
+    """(n, pixels) grey values about (n, 2) middles."""
+    column = at[:, 0, None] + stretch[:, 0, 0, None] * _ACROSS + stretch[:, 0, 1, None] * _DOWN
+    row = at[:, 1, None] + stretch[:, 1, 0, None] * _ACROSS + stretch[:, 1, 1, None] * _DOWN
+    where = np.asarray(column, np.float32), np.asarray(row, np.float32)
+    return np.asarray(cv2.remap(picture, *where, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), np.float32)
+
+
+def _levelled(patches: Pixels) -> Pixels:
+    """The same without their means."""
+    return np.asarray(patches - (patches @ _WINDOW)[:, None], np.float32)
+
+
+def _contrast(patches: Pixels) -> Pixels:
+    """(n, 1) root mean squares."""
+    return np.asarray(np.sqrt((patches * patches) @ _WINDOW)[:, None] + FLAT, np.float32)

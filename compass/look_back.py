@@ -1,0 +1,91 @@
+"""The turn from a view some seconds ago, by its corners: right to a hundredth of a degree, whatever was driven past."""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from compass.angles import wrap_angle
+from compass.attitude import Tilted
+from compass.config import CompassConfig
+from compass.increment import CompassStatus, YawIncrement
+from compass.landmarks import follow_landmarks
+from compass.match import Search
+from compass.strip import Strip
+
+Look = Callable[[], YawIncrement | None]
+OLDEST_NS = 4_000_000_000  # no further back
+BLURRED = np.deg2rad(0.012)  # nor to a view that left the turn since then known no better
+ASTRAY, ASTRAY_SIGMAS = np.deg2rad(0.15), 3.0  # from what the increments say; corners may obey a wrong motion
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class View:
+    """An image to look back at.
+
+    Attributes
+    ----------
+    strip : Strip
+        What it shows.
+    yaw, variance : float
+        Sum of the increments until then, rad, and its variance, rad^2.
+    leans : Tilted
+        How the camera leant.
+    """
+
+    strip: Strip
+    yaw: float
+    variance: float
+    leans: Tilted
+
+
+class LookBack:
+    """Remembers a view, and compares it from time to time with the present one."""
+
+    def __init__(self) -> None:
+        self._view: View | None = None
+        self._last_ns = 0
+        self._moving = threading.Lock()  # a comparison may end in another thread
+
+    def start_from(self, view: View | None, t_ns: int) -> None:
+        """Look back at this view from now on, or, where it shows nothing, at the next one."""
+        with self._moving:
+            self._view, self._last_ns = view, t_ns
+
+    def due(self, now: View, config: CompassConfig) -> Look | None:
+        """The comparison with the present view, if it is time for one: in whatever thread, before the next is due."""
+        t_ns, interval_ns = now.strip.t_ns, config.look_back * 1e9
+        if not interval_ns or config.method != "parallax" or t_ns - self._last_ns < interval_ns:
+            return None
+        view, self._last_ns = self._view, t_ns
+        if view is None:
+            self.start_from(now, t_ns)
+            return None
+        return partial(self._look, view, now, config)
+
+    def _look(self, view: View, now: View, config: CompassConfig) -> YawIncrement | None:
+        """Turn from one view to the other, if the latter still shows enough of the former."""
+        per_px, forward_px = math.tau / now.strip.columns, config.forward_column * now.strip.columns
+        match = follow_landmarks(view.strip, now.strip, Search((now.yaw - view.yaw) / per_px, 0.0, forward_px))
+        turn, variance = match.shift_px * per_px, match.variance_px2 * per_px**2
+        yaw = view.leans.after(turn, match.tilt)[1]
+        refused = match.status is not CompassStatus.OK or _contradicted(yaw, view, now)
+        old = now.strip.t_ns - view.strip.t_ns > OLDEST_NS - config.look_back * 1e9
+        with self._moving:
+            if self._view is view and (refused or old or variance > BLURRED**2):
+                self._view = now
+        if refused:
+            return None
+        told = yaw, float(variance + view.leans.variance(turn, config.lean_sigma)), match.confidence, turn, match.tilt
+        return YawIncrement(view.strip.t_ns, now.strip.t_ns, *told, far=True)
+
+
+def _contradicted(yaw: float, view: View, now: View) -> bool:
+    """Whether a turn from one view to the other is too far from what the increments between them say."""
+    off = wrap_angle(yaw - (now.yaw - view.yaw))
+    return bool(off**2 > ASTRAY**2 + ASTRAY_SIGMAS**2 * abs(now.variance - view.variance))
