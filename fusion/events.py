@@ -98,6 +98,11 @@ def reference_of(increment: YawIncrement) -> ReferenceEvent:
     return ReferenceEvent(increment.t_ref_ns, (increment.t_ref_ns, Rank.REFERENCE, increment.far), increment.far)
 
 
+def is_kept(increment: YawIncrement, last_far: YawIncrement | None) -> bool:
+    """Whether the filter still has the reference: it keeps both views of the last increment from some seconds ago."""
+    return increment.far and last_far is not None and increment.t_ref_ns in (last_far.t_ref_ns, last_far.t_ns)
+
+
 def sensor_of(sample: Sample) -> Sensor:
     """Name the sensor of a sample; anything else raises `TypeError`."""
     if isinstance(sample, GyroSample):

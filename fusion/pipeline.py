@@ -20,6 +20,7 @@ from fusion.events import (
     event_of,
     fault_of,
     heading_of,
+    is_kept,
     reference_of,
     sensor_of,
 )
@@ -57,6 +58,7 @@ class YawFusion:
             self._filter.start, self._filter.step, lag_ns + reference_ns
         )
         self._too_old_in_a_row = 0
+        self._last_far: YawIncrement | None = None
         self._far_ahead = FarAhead(self._reach_ns, lag_ns)
         self._beginning: list[Sample] | None = []  # until it is confirmed
 
@@ -107,13 +109,20 @@ class YawFusion:
         if self._beginning is not None:
             self._beginning.append(sample)
             self._beginning = None if confirmed(self._beginning) else self._beginning[:1]
-        if isinstance(event, CompassEvent) and event.t_ns - event.sample.t_ref_ns <= self._reference_ns:
-            self._timeline.add(reference_of(event.sample))
+        if isinstance(event, CompassEvent):
+            self._remember_reference(event.sample)
         arrival = self._timeline.add(event)
         if arrival is Arrival.DUPLICATE:
             return self._refuse(sample, f"{sensor}: duplicate")
         self.counts[f"{sensor}: {'late' if arrival is Arrival.LATE else 'in order'}"] += 1
         return True
+
+    def _remember_reference(self, increment: YawIncrement) -> None:
+        """See to it that the filter has the yaw at an increment's reference, as far as it may go back for that."""
+        if increment.t_ns - increment.t_ref_ns <= self._reference_ns and not is_kept(increment, self._last_far):
+            self._timeline.add(reference_of(increment))
+        if increment.far:
+            self._last_far = increment
 
     def set_yaw(self, heading: float, variance: float) -> None:
         """Say what the yaw is now, modulo a turn (rad, variance rad^2): the turn count and all references stay.

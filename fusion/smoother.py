@@ -10,12 +10,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from operator import attrgetter
 
 import numpy as np
 
 from fusion.config import FusionConfig
 from fusion.ekf import DIM, Array, Correction, Transition
-from fusion.events import CompassEvent, FusionEvent, Sample, event_of, fault_of, reference_of
+from fusion.events import CompassEvent, FusionEvent, Sample, event_of, fault_of, is_kept, reference_of
 from fusion.filter import FilterState, YawFilter, estimate_of
 from fusion.samples import YawEstimate
 
@@ -57,9 +58,14 @@ def ordered_events(samples: Iterable[Sample], config: FusionConfig) -> list[Fusi
             continue
         event = event_of(sample)
         events[event.order] = event
-        if isinstance(event, CompassEvent) and event.t_ns - event.sample.t_ref_ns <= config.reference_window * 1e9:
-            reference = reference_of(event.sample)
+    last_far = None
+    for event in sorted((e for e in events.values() if isinstance(e, CompassEvent)), key=attrgetter("order")):
+        increment = event.sample
+        near = increment.t_ns - increment.t_ref_ns <= config.reference_window * 1e9
+        if near and not is_kept(increment, last_far):
+            reference = reference_of(increment)
             events[reference.order] = reference
+        last_far = increment if increment.far else last_far
     return [events[order] for order in sorted(events)]
 
 

@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from scipy.linalg import cholesky, lstsq, solve_triangular
-from sensor_model import SUBSETS, drawn_drive, turning_noise
+from sensor_model import SUBSETS, drawn_drive, far_increments, turning_noise
 
 from compass import YawIncrement
 from fusion import FusionConfig, GyroSample, YawFusion
@@ -74,7 +74,9 @@ def test_smoothed_yaw_of_linear_drive_equals_batch_least_squares():
 @pytest.mark.parametrize("sensors", SUBSETS, ids="+".join)
 def test_smoothed_ends_where_the_filter_ends(sensors):
     config = FusionConfig(camera_delay_sigma=0.005, compass_error=5e-4)
-    samples = drawn_drive(2, sensors, 4.0, config).samples
+    drive = drawn_drive(2, sensors, 4.0, config)
+    far = far_increments(drive, 2) if "compass" in sensors else []
+    samples = sorted([*drive.samples, *far], key=lambda sample: sample.t_ns)
     fusion = YawFusion(config)
     for sample in samples:
         fusion.add(sample)
