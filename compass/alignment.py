@@ -8,11 +8,9 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from compass.correlation import Floats
-
-Pixels = npt.NDArray[np.float32]
+from compass.strip import Pixels
 
 REACH = 7  # pixels from the middle of a patch to its edge
 _ACROSS, _DOWN = (one.ravel() for one in np.meshgrid(*[np.arange(-REACH, REACH + 1, dtype=np.float32)] * 2))

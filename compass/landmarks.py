@@ -16,11 +16,11 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from compass.alignment import Pixels, align
+from compass.alignment import align
 from compass.correlation import Floats
 from compass.increment import CompassStatus
 from compass.match import Match, Search
-from compass.strip import Strip
+from compass.strip import Pixels, Strip
 from compass.two_views import NEAR, Motion, evidence, find_motion, follow_motion, misses, sharpen_motion
 
 Indices = npt.NDArray[np.intp]
@@ -38,6 +38,7 @@ VAGUE = np.deg2rad(3.0)  # a deviation beyond it is no answer
 SOFTNESS = 0.7  # pixels, of pictures in which corners are aligned
 ALIGNED = 400  # corners, at most
 LIKE = 0.85  # correlation of a corner with itself, at least
+NOTHING = Match(0.0, np.inf, 0.0, CompassStatus.LOW_CONFIDENCE)
 ASTRAY = 4.0  # pixels from where it was; no corner is aligned over more
 
 
@@ -88,22 +89,16 @@ def match_landmarks(reference: Strip, current: Strip, search: Search) -> Match:
     The variance is that of the turn about the camera's own axis; the confidence is the share of matching corners that
     obey the motion found.
     """
-    nothing = Match(0.0, np.inf, 0.0, CompassStatus.LOW_CONFIDENCE)
     before, after = (landmarks_of(strip, search.forward_px) for strip in (reference, current))
-    if min(len(before.descriptors), len(after.descriptors)) < FEWEST:
-        return nothing
     matched, alike = _matched(before, after)
     if len(matched) < FEWEST:
-        return nothing
+        return NOTHING
     seen, again = before.bearings[matched[:, 0]], after.bearings[matched[:, 1]]
     motion = find_motion(seen, again)
     inliers, nats = evidence(motion, seen, again)
     if nats < EVIDENCE or motion.variance > VAGUE**2 or _rivalled(motion, nats, before, after, alike):
-        return nothing
-    per_rad = reference.columns / (2.0 * np.pi)
-    return Match(
-        motion.turn * per_rad, motion.variance * per_rad**2, inliers / len(matched), tilt=(motion.tilt_x, motion.tilt_y)
-    )
+        return NOTHING
+    return _match_of(motion, inliers / len(matched), reference)
 
 
 def follow_landmarks(reference: Strip, current: Strip, search: Search) -> Match:
@@ -113,27 +108,24 @@ def follow_landmarks(reference: Strip, current: Strip, search: Search) -> Match:
     is that of the turn about the camera's own axis; the confidence is the share of matching corners that obey the
     motion found.
     """
-    nothing = Match(0.0, np.inf, 0.0, CompassStatus.LOW_CONFIDENCE)
     before, after = (landmarks_of(strip, search.forward_px) for strip in (reference, current))
-    if min(len(before.descriptors), len(after.descriptors)) < FEWEST:
-        return nothing
     matched = _matched(before, after)[0]
     if len(matched) < FEWEST:
-        return nothing
-    per_rad = reference.columns / (2.0 * np.pi)
+        return NOTHING
     seen, again = before.bearings[matched[:, 0]], after.bearings[matched[:, 1]]
-    motion = follow_motion(seen, again, search.expected_px / per_rad)
+    motion = follow_motion(seen, again, search.expected_px * 2.0 * np.pi / reference.columns)
     near = misses(motion.states, seen, again)[0] < NEAR**2
     seen, again = _aligned(before, after, matched[near][:ALIGNED])
     if len(seen) < FEWEST:
-        return nothing
-    motion = sharpen_motion(motion, seen, again)
-    return Match(
-        motion.turn * per_rad,
-        motion.variance * per_rad**2,
-        float(np.count_nonzero(near)) / len(matched),
-        tilt=(motion.tilt_x, motion.tilt_y),
-    )
+        return NOTHING
+    return _match_of(sharpen_motion(motion, seen, again), float(near.mean()), reference)
+
+
+def _match_of(motion: Motion, confidence: float, reference: Strip) -> Match:
+    """What a motion says of a turn, in columns."""
+    per_rad = reference.columns / (2.0 * np.pi)
+    tilt = motion.tilt_x, motion.tilt_y
+    return Match(motion.turn * per_rad, motion.variance * per_rad**2, confidence, tilt=tilt)
 
 
 def _aligned(before: Landmarks, after: Landmarks, matched: Indices) -> tuple[Floats, Floats]:
@@ -183,9 +175,11 @@ def _padded(picture: npt.NDArray[Any]) -> npt.NDArray[Any]:
 def _matched(before: Landmarks, after: Landmarks) -> tuple[Indices, Indices]:
     """(n, 2) indices of corners that are each other's nearest and have no second, and of all that look alike.
 
-    The latter are each one's two nearest, those most alike first.
+    The latter are each one's two nearest, those most alike first. Few corners match nothing.
     """
     one, other = before.descriptors, after.descriptors
+    if min(len(one), len(other)) < FEWEST:
+        return np.empty((0, 2), np.intp), np.empty((0, 2), np.intp)
     distance, nearest = cv2.batchDistance(one, other, cv2.CV_32S, normType=cv2.NORM_HAMMING, K=2)
     clear = np.flatnonzero(distance[:, 0] < RATIO * distance[:, 1])
     if clear.size:

@@ -12,9 +12,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from compass import YawIncrement, wrap_angle
-from compass.attitude import Vector, beyond_error
+from compass.attitude import beyond_error
+from fusion.clones import Clone, Clones
 from fusion.config import FusionConfig
-from fusion.ekf import CLONES, Array, Correction, Measurement, State, Transition, YawEkf
+from fusion.ekf import Array, Correction, Measurement, State, Transition, YawEkf
 from fusion.events import CompassEvent, FusionEvent, GyroEvent, HeadingEvent, Sensor, TracksEvent
 from fusion.exposure import Exposure, GyroTrail
 from fusion.gating import Gate, Verdict, gate_limit
@@ -31,34 +32,6 @@ WATCHED_NS = 50_000_000  # since the last gyro sample: a slower gyro does not se
 SILENT_NS = 500_000_000  # longer than the gap between two images of a slow camera
 
 
-@dataclass(frozen=True, slots=True)
-class Clone:
-    """A remembered yaw.
-
-    Attributes
-    ----------
-    t_ns : int
-        Its time.
-    used_ns : int
-        When an increment last referred to it.
-    reference : bool
-        Whether an increment refers to it, or only might.
-    far : bool
-        Whether it belongs to the last increment from some seconds ago, so that the next one may refer to it.
-    exposure : Exposure
-        Of the image.
-    up : tuple of float or None
-        The vertical in the robot's frame then.
-    """
-
-    t_ns: int
-    used_ns: int
-    reference: bool
-    exposure: Exposure
-    up: Vector | None
-    far: bool = False
-
-
 @dataclass(slots=True)
 class FilterState:
     """All that the filter knows after an event; its members are replaced, never changed.
@@ -69,8 +42,8 @@ class FilterState:
         State and covariance, see `fusion.ekf.State`.
     t_ns : int or None
         Time they hold for, ns; None before the first event.
-    clones : tuple of Clone or None
-        What each clone slot holds.
+    clones : Clones
+        The yaws it remembers.
     tracks : TrackClaim or None
         What the tracks claim since the state TRACK_REF was cloned.
     track_voice : TrackVoice
@@ -96,7 +69,7 @@ class FilterState:
     x: Array
     P: Array
     t_ns: int | None = None
-    clones: tuple[Clone | None, ...] = (None,) * CLONES
+    clones: Clones = field(default_factory=Clones)
     tracks: TrackClaim | None = None
     track_voice: TrackVoice = field(default_factory=TrackVoice)
     track_speed: float = 0.0
@@ -164,7 +137,7 @@ class YawFilter:
         else:
             slot = self._remember(state, event.t_ns, reference=True)
             if event.far:
-                self._keep(state, slot)
+                state.clones = state.clones.kept(slot)
         self._settle(state)
         state.x, state.P = ekf.x, ekf.P
         return state
@@ -268,7 +241,7 @@ class YawFilter:
 
     def _fuse_increment(self, state: FilterState, event: CompassEvent) -> None:
         """Take in the turn since a remembered yaw, or place that yaw where the increment says."""
-        ekf, slot = self._ekf, self._slot_of(state, event.sample.t_ref_ns)
+        ekf, slot = self._ekf, state.clones.slot_of(event.sample.t_ref_ns)
         known = slot is not None
         if slot is None:
             # the reference was never seen: place it where this increment says, so that those to come can use it
@@ -277,10 +250,10 @@ class YawFilter:
         increment = self._levelled(event.sample, state.clones[slot])
         if not increment.far:
             self._take_vote(state, increment, slot if known else None)
-        self._use(state, slot, event.t_ns)
+        state.clones = state.clones.used(slot, event.t_ns)
         image = self._remember(state, event.t_ns, reference=False)
         if increment.far:
-            self._keep(state, slot, image)
+            state.clones = state.clones.kept(slot, image)
         since, until = State.CLONE + slot, State.CLONE + image
         measurement = ekf.compass(increment.yaw, increment.variance, since, until, far=increment.far)
         rate = float(ekf.x[State.RATE])
@@ -339,44 +312,21 @@ class YawFilter:
 
     def _remember(self, state: FilterState, t_ns: int, *, reference: bool) -> int:
         """Clone the yaw at the exposure of an image, as a reference or as a candidate for one; return the slot."""
-        clones = state.clones
-        slot = self._slot_of(state, t_ns)
+        slot = state.clones.slot_of(t_ns)
         if slot is None:
-            slot = next((i for i, c in enumerate(clones) if not c or not (c.reference or c.far)), None)
-            if slot is None:
-                slot = min(range(CLONES), key=lambda i: (c.far, c.used_ns) if (c := clones[i]) else (False, 0))
-            exposure = self._exposure(state)
+            slot, exposure = state.clones.next_slot(), self._exposure(state)
             self._ekf.clone_exposure(State.CLONE + slot, exposure)
             up = state.trail.up_at(t_ns - round(exposure.delay * 1e9))
-            clone = Clone(t_ns, t_ns, reference, exposure, up)
-            state.clones = (*clones[:slot], clone, *clones[slot + 1 :])
+            state.clones = state.clones.put(slot, Clone(t_ns, t_ns, reference, exposure, up))
         elif reference:
-            self._use(state, slot, t_ns)
+            state.clones = state.clones.used(slot, t_ns)
         return slot
-
-    @staticmethod
-    def _keep(state: FilterState, *slots: int) -> None:
-        """Keep the clones in these slots until the next increment from some seconds ago, and no others."""
-        state.clones = tuple(replace(c, far=i in slots) if c else None for i, c in enumerate(state.clones))
 
     def _exposure(self, state: FilterState) -> Exposure:
         """What happened between the exposure of an image stamped at present, and now."""
         if state.stillness.standing:
             return Exposure()
         return self._ekf.exposure(state.t_ns or 0, state.trail if state.hears(Sensor.GYRO) else None)
-
-    @staticmethod
-    def _slot_of(state: FilterState, t_ns: int) -> int | None:
-        """Where the clone of this time is."""
-        return next((i for i, c in enumerate(state.clones) if c and c.t_ns == t_ns), None)
-
-    @staticmethod
-    def _use(state: FilterState, slot: int, t_ns: int) -> None:
-        """Note that a clone is a reference, in use at `t_ns`."""
-        clone = state.clones[slot]
-        if clone is not None:
-            clones = state.clones
-            state.clones = (*clones[:slot], replace(clone, used_ns=t_ns, reference=True), *clones[slot + 1 :])
 
 
 def estimate_of(state: FilterState) -> YawEstimate | None:

@@ -1,0 +1,75 @@
+"""Which yaws the filter remembers, and which of them it gives up for the next: the slots behind `State.CLONE`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+from compass.attitude import Vector
+from fusion.ekf import CLONES
+from fusion.exposure import Exposure
+
+
+@dataclass(frozen=True, slots=True)
+class Clone:
+    """A remembered yaw.
+
+    Attributes
+    ----------
+    t_ns : int
+        Its time.
+    used_ns : int
+        When an increment last referred to it.
+    reference : bool
+        Whether an increment refers to it, or only might.
+    exposure : Exposure
+        Of the image.
+    up : tuple of float or None
+        The vertical in the robot's frame then.
+    far : bool
+        Whether it belongs to the last increment from some seconds ago, so that the next one may refer to it.
+    """
+
+    t_ns: int
+    used_ns: int
+    reference: bool
+    exposure: Exposure
+    up: Vector | None
+    far: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Clones:
+    """What each slot holds; None: nothing yet."""
+
+    slots: tuple[Clone | None, ...] = (None,) * CLONES
+
+    def __getitem__(self, slot: int) -> Clone | None:
+        return self.slots[slot]
+
+    def __iter__(self) -> Iterator[Clone | None]:
+        return iter(self.slots)
+
+    def slot_of(self, t_ns: int) -> int | None:
+        """Where the clone of this time is."""
+        return next((i for i, c in enumerate(self.slots) if c and c.t_ns == t_ns), None)
+
+    def next_slot(self) -> int:
+        """Where the next clone goes: where nothing refers, else to that least lately used; far ones come last."""
+        for i, c in enumerate(self.slots):
+            if not c or not (c.reference or c.far):
+                return i
+        return min((c.far, c.used_ns, i) for i, c in enumerate(self.slots) if c)[2]
+
+    def put(self, slot: int, clone: Clone) -> Clones:
+        """With this clone in a slot."""
+        return Clones((*self.slots[:slot], clone, *self.slots[slot + 1 :]))
+
+    def used(self, slot: int, t_ns: int) -> Clones:
+        """Noted that the clone in a slot is a reference, in use at `t_ns`."""
+        clone = self.slots[slot]
+        return self.put(slot, replace(clone, used_ns=t_ns, reference=True)) if clone else self
+
+    def kept(self, *slots: int) -> Clones:
+        """With the clones in these slots, and no others, kept for the next increment from some seconds ago."""
+        return Clones(tuple(replace(c, far=i in slots) if c else None for i, c in enumerate(self.slots)))
