@@ -1,6 +1,6 @@
 """The filter's uncertainty is true: over 100 drives NEES and NIS lie in their chi-square bounds.
 
-The bounds hold for all 33 averages together with 95 % (each with 1 - 0.05 / 33, Bonferroni).
+The bounds of each average hold with 1 - 0.05 / 33, of all 39 together with 94 % (Bonferroni).
 (Bar-Shalom, Li & Kirubarajan 2001, "Estimation with applications to tracking and navigation", section 5.4.)
 """
 
