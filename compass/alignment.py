@@ -22,7 +22,7 @@ STRONGEST = 0.2  # by which it is stretched in one
 FLAT = 1e-3  # grey values of 255; keeps what cannot be told at its start
 
 
-def align(before: Pixels, after: Pixels, at: Floats, start: Floats) -> tuple[Floats, Floats]:
+def align(before: Pixels, after: Pixels, at: Floats, start: Floats) -> tuple[Floats, Floats, Floats]:
     """Find patches again.
 
     Parameters
@@ -38,6 +38,8 @@ def align(before: Pixels, after: Pixels, at: Floats, start: Floats) -> tuple[Flo
         Columns and rows after.
     likeness : (n,) array
         Normalised correlation of the patches, -1..1.
+    covariance : (n, 2, 2) array
+        Of `found`, pixels^2, were what is left of each patch's difference white noise: large along an edge.
     """
     stretch = np.tile(np.eye(2, dtype=np.float32), (len(at), 1, 1))
     right, down = (_patches(_slope(before, *along), at, stretch) for along in ((1, 0), (0, 1)))
@@ -46,7 +48,8 @@ def align(before: Pixels, after: Pixels, at: Floats, start: Floats) -> tuple[Flo
     steepest = np.stack([right, down, right * _ACROSS, right * _DOWN, down * _ACROSS, down * _DOWN], axis=1)
     steepest -= (steepest @ _WINDOW)[..., None]
     weighed = steepest * _WINDOW
-    answer = np.linalg.inv(weighed @ steepest.transpose(0, 2, 1) + FLAT * np.eye(6, dtype=np.float32)) @ weighed
+    known = np.linalg.inv(weighed @ steepest.transpose(0, 2, 1) + FLAT * np.eye(6, dtype=np.float32))
+    answer = known @ weighed
     found = start.astype(np.float32)
     for _ in range(ROUNDS):
         patch = _levelled(_patches(after, found, stretch))
@@ -56,7 +59,10 @@ def align(before: Pixels, after: Pixels, at: Floats, start: Floats) -> tuple[Flo
         stretch = stretch @ np.linalg.inv(np.eye(2, dtype=np.float32) + bend)
         found -= (stretch @ np.clip(change[:, :2, None], -FURTHEST, FURTHEST))[..., 0]
     patch = _levelled(_patches(after, found, stretch))
-    return found.astype(float), (patch * wanted) @ _WINDOW / (contrast * _contrast(patch))[:, 0]
+    likeness = (patch * wanted) @ _WINDOW / (contrast * _contrast(patch))[:, 0]
+    noise = contrast[:, 0] ** 2 * np.maximum(1.0 - likeness**2, 0.0)
+    covariance = (noise * (_WINDOW @ _WINDOW))[:, None, None] * known[:, :2, :2]
+    return found.astype(float), likeness, covariance.astype(float)
 
 
 def _slope(picture: Pixels, across: int, down: int) -> Pixels:

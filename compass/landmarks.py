@@ -35,7 +35,7 @@ RIVALS = 600  # pairs that look alike, but do not move as found, among which ano
 RIVALRY = 140.0  # nats for that which are too many; so is
 RELATIVE = 0.5  # so much of the first answer's
 VAGUE = np.deg2rad(3.0)  # a deviation beyond it is no answer
-SOFTNESS = 0.7  # pixels, of pictures in which corners are aligned
+SOFTNESS = 0.5  # pixels, of pictures in which corners are aligned
 ALIGNED = 400  # corners, at most
 LIKE = 0.85  # correlation of a corner with itself, at least
 NOTHING = Match(0.0, np.inf, 0.0, CompassStatus.LOW_CONFIDENCE)
@@ -98,7 +98,7 @@ def match_landmarks(reference: Strip, current: Strip, search: Search) -> Match:
     inliers, nats = evidence(motion, seen, again)
     if nats < EVIDENCE or motion.variance > VAGUE**2 or _rivalled(motion, nats, before, after, alike):
         return NOTHING
-    return _match_of(motion, inliers / len(matched), reference)
+    return _match_of(_sharpened(motion, before, after, matched) or motion, inliers / len(matched), reference)
 
 
 def follow_landmarks(reference: Strip, current: Strip, search: Search) -> Match:
@@ -114,11 +114,17 @@ def follow_landmarks(reference: Strip, current: Strip, search: Search) -> Match:
         return NOTHING
     seen, again = before.bearings[matched[:, 0]], after.bearings[matched[:, 1]]
     motion = follow_motion(seen, again, search.expected_px * 2.0 * np.pi / reference.columns)
-    near = misses(motion.states, seen, again)[0] < NEAR**2
-    seen, again = _aligned(before, after, matched[near][:ALIGNED])
-    if len(seen) < FEWEST:
-        return NOTHING
-    return _match_of(sharpen_motion(motion, seen, again), float(near.mean()), reference)
+    obeying = float(np.mean(misses(motion.states, seen, again)[0] < NEAR**2))
+    sharp = _sharpened(motion, before, after, matched)
+    return _match_of(sharp, obeying, reference) if sharp else NOTHING
+
+
+def _sharpened(motion: Motion, before: Landmarks, after: Landmarks, matched: Indices) -> Motion | None:
+    """The motion by the corners that obey it, found again finely; None where too few are alike."""
+    seen, again = before.bearings[matched[:, 0]], after.bearings[matched[:, 1]]
+    obey = misses(motion.states, seen, again)[0] < NEAR**2
+    seen, again, blur = _aligned(before, after, matched[obey][:ALIGNED])
+    return sharpen_motion(motion, seen, again, blur) if len(seen) >= FEWEST else None
 
 
 def _match_of(motion: Motion, confidence: float, reference: Strip) -> Match:
@@ -128,14 +134,20 @@ def _match_of(motion: Motion, confidence: float, reference: Strip) -> Match:
     return Match(motion.turn * per_rad, motion.variance * per_rad**2, confidence, tilt=tilt)
 
 
-def _aligned(before: Landmarks, after: Landmarks, matched: Indices) -> tuple[Floats, Floats]:
-    """Unit vectors towards (n, 2) pairs of corners, finely, as far as they look alike."""
+def _aligned(before: Landmarks, after: Landmarks, matched: Indices) -> tuple[Floats, Floats, Floats]:
+    """Unit vectors towards (n, 2) pairs of corners, finely, as far as they look alike.
+
+    And (n, 2, 2) covariances of the latter to the left and upwards, rad^2.
+    """
     one, other = before.corners[matched[:, 0]], after.corners[matched[:, 1]]
     padding = np.array([PAD, 0.0])
-    found, likeness = align(before.picture, after.picture, one + padding, other + padding)
+    found, likeness, covariance = align(before.picture, after.picture, one + padding, other + padding)
     found -= padding
     kept = (likeness > LIKE) & (np.hypot(*(found - other).T) < ASTRAY)
-    return before.towards(one[kept]), after.towards(found[kept])
+    again = after.towards(found[kept])
+    left = 2.0 * np.pi / after.strip.columns * np.hypot(again[:, 0], again[:, 1])  # per pixel
+    scale = np.stack([left, np.full(len(left), after.strip.row_height)], axis=1)
+    return before.towards(one[kept]), again, covariance[kept] * scale[:, :, None] * scale[:, None, :]
 
 
 def _rivalled(motion: Motion, nats: float, before: Landmarks, after: Landmarks, alike: Indices) -> bool:

@@ -27,9 +27,11 @@ ROUNDS = 8  # at most, at each width
 STEP = 1e-4  # rad, of numerical derivatives; a smaller change of the turn ends a width
 PRIORS = np.deg2rad([1e3, 1e3, 6.0, 6.0, 6.0])  # deviations of turn, direction, tilt about x and y, climb
 UNTILT = np.array([[0, 0, 0, 0, 0, 1, 0, -1, 0], [0, 0, -1, 0, 0, 0, 1, 0, 0.0]])  # rotations by -1 about x and y
-FINE_WIDTHS = np.deg2rad([1.0, 0.35, 0.12])  # the same of directions that are known to hundredths of a pixel
+FINE_WIDTHS = np.deg2rad([1.0, 0.35, 0.08])  # the same of directions that are known to hundredths of a pixel
 ALL_ROUND = np.linspace(0.0, 2.0 * np.pi, 36, endpoint=False)  # directions of travel to begin with
 OTHERS = np.deg2rad([60.0, 180.0, 300.0])  # from the likeliest: it may be the wrong one
+EXACT = np.deg2rad(0.007)  # by which what is known finest may miss nevertheless
+FINEST = 1e-12  # rad^2; no directions obey better
 OBEYED = np.deg2rad(0.25)  # by which a finely known direction may miss
 TRIED_ON = 120  # directions that choose among those
 NEAR = np.deg2rad(1.0)  # by which a direction may miss the refined motion
@@ -53,11 +55,14 @@ class Motion:
         Of the turn, rad^2.
     obeyed : float
         How many directions obey it, the better the more each counts.
+    doubt : float
+        What of that variance allows for its being another motion, rad^2.
     """
 
     states: Floats
     variance: float
     obeyed: float
+    doubt: float = 0.0
 
     @property
     def turn(self) -> float:
@@ -101,7 +106,7 @@ def find_motion(seen: Floats, again: Floats, besides: float | None = None) -> Mo
     likeliest = max(tried, key=attrgetter("obeyed"))
     doubt = max(_doubt(likeliest, other) for other in tried)
     best = _refined(likeliest.states[0], seen, again)
-    return replace(best, variance=best.variance + doubt)
+    return replace(best, variance=best.variance + doubt, doubt=doubt)
 
 
 def follow_motion(seen: Floats, again: Floats, turn: float) -> Motion:
@@ -113,17 +118,22 @@ def follow_motion(seen: Floats, again: Floats, turn: float) -> Motion:
     return _refined(level[likeliest], seen, again, WIDTHS[1:])
 
 
-def sharpen_motion(motion: Motion, seen: Floats, again: Floats) -> Motion:
-    """The motion near `motion` that finely known directions obey; its direction of travel may be another one."""
+def sharpen_motion(motion: Motion, seen: Floats, again: Floats, blur: Floats) -> Motion:
+    """The motion near `motion` that finely known directions obey; its direction of travel may be another one.
+
+    `blur`, (n, 2, 2), are the covariances of `again` to the left and upwards, rad^2: what is known across a vertical
+    edge, but not along it, counts where that is what matters.
+    """
     some = np.random.default_rng(3).permutation(len(seen))[:TRIED_ON]
-    seen_some, again_some = seen[some], again[some]
-    tried = [_refined(motion.states[0], seen_some, again_some, FINE_WIDTHS[1:])]
+    few = seen[some], again[some]
+    tried = [_refined(motion.states[0], *few, FINE_WIDTHS[1:], blur=blur[some])]
     for other in OTHERS:
         start = np.array([motion.turn, motion.states[0, 1] + other, 0.0, 0.0, 0.0])
-        tried.append(_refined(start, seen_some, again_some, FINE_WIDTHS))
-    miss = misses(np.concatenate([one.states for one in tried]), seen_some, again_some)
+        tried.append(_refined(start, *few, FINE_WIDTHS, blur=blur[some]))
+    miss = misses(np.concatenate([one.states for one in tried]), *few)
     best = tried[int(np.maximum(1.0 - miss / OBEYED**2, 0.0).sum(axis=1).argmax())]
-    return _refined(best.states[0], seen, again, FINE_WIDTHS[-1:], FINE_FLOOR)
+    sharp = _refined(best.states[0], seen, again, FINE_WIDTHS[-1:], FINE_FLOOR, blur)
+    return replace(sharp, variance=sharp.variance + motion.doubt, doubt=motion.doubt)
 
 
 def _doubt(best: Motion, other: Motion) -> float:
@@ -174,16 +184,25 @@ def misses(motions: Floats, seen: Floats, again: Floats) -> Floats:
     return np.asarray(np.square(_angles_missed(motions, seen, again)).sum(axis=0))
 
 
-def _refined(states: Floats, seen: Floats, again: Floats, widths: Floats = WIDTHS, floor: float = FLOOR) -> Motion:
+def _refined(
+    states: Floats,
+    seen: Floats,
+    again: Floats,
+    widths: Floats = WIDTHS,
+    floor: float = FLOOR,
+    blur: Floats | None = None,
+) -> Motion:
     """The motion near `states`, (5,), that the directions near it obey best: Gauss-Newton, each time more narrowly."""
     trials = STEP * np.concatenate([np.zeros((1, 5)), np.eye(5), -np.eye(5)])
     for width in widths:
         for _ in range(ROUNDS):
             angles = _angles_missed(states + trials, seen, again).transpose(1, 0, 2)
-            weight = np.tile((1.0 + np.square(angles[0]).sum(axis=0) / width**2) ** -2, 3)
-            angles = angles.reshape(len(trials), -1)
+            missed = np.square(angles[0]).sum(axis=0)
+            near = (1.0 + missed / width**2) ** -2
+            weight = near if blur is None else near * _sharpness(states[1], seen, blur)
+            scatter = max(float(weight @ missed / near.sum()), FINEST)
+            weight, angles = np.tile(weight, 3), angles.reshape(len(trials), -1)
             slope = (angles[1:6] - angles[6:]) / (2.0 * STEP)
-            scatter = max(3.0 * float(weight @ angles[0] ** 2 / weight.sum()), 1e-8)
             precision = (slope * weight) @ slope.T + np.diag(scatter / PRIORS**2)
             step = np.linalg.solve(precision, slope @ (weight * angles[0]) + scatter * states / PRIORS**2)
             states = states - step
@@ -194,6 +213,15 @@ def _refined(states: Floats, seen: Floats, again: Floats, widths: Floats = WIDTH
     astray = float(np.mean(missed > NEAR**2))
     variance = float(known + floor**2 + (LEANING * astray) ** 2 * (states[2:] @ states[2:]))
     return Motion(states[None], variance, float(np.maximum(1.0 - missed / NEAR**2, 0.0).sum()))
+
+
+def _sharpness(direction: float, seen: Floats, blur: Floats) -> Floats:
+    """(n,) weights of directions, 1 where they are known exactly across their circles through the travel."""
+    ahead = np.arctan2(seen[:, 1], seen[:, 0]) - direction
+    across = np.stack([-seen[:, 2] * np.cos(ahead), np.sin(ahead)], axis=1)  # to the left and upwards
+    across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), STEP)
+    variance = np.einsum("ni,nij,nj->n", across, blur, across)
+    return np.asarray(EXACT**2 / (EXACT**2 + variance))
 
 
 def evidence(motion: Motion, seen: Floats, again: Floats) -> tuple[int, float]:

@@ -32,8 +32,8 @@ class View:
     """A frame: what the compass makes of it, and the truth."""
 
     def __init__(self, drive, index):
-        truth, t_ns = drive.frame_truth, int(drive.frame_t_ns[index])
-        self.t = 1e-9 * (t_ns - int(drive.frame_t_ns[0]))
+        truth, t_ns = drive.frame_truth, int(drive.frame_truth.t_ns[index])
+        self.t = 1e-9 * (t_ns - int(drive.frame_truth.t_ns[0]))
         self.strip = prepare_strip(t_ns, drive.frame(index), CompassConfig())
         self.yaw, roll, pitch = (float(values[index]) for values in (truth.yaw, truth.roll, truth.pitch))
         self.up = -math.sin(pitch), math.cos(pitch) * math.sin(roll), math.cos(pitch) * math.cos(roll)
@@ -85,7 +85,7 @@ def report(name, count, errors):
 def views_of(name, seed):
     """About one frame a second; in the dark none."""
     drive = simulate(name, seed)
-    t = 1e-9 * (drive.frame_t_ns - drive.frame_t_ns[0])
+    t = 1e-9 * (drive.frame_truth.t_ns - drive.frame_t_ns[0])
     indices = np.unique(np.searchsorted(t, np.arange(0.0, t[-1], 1.0)))
     return [View(drive, i) for i in indices if name != "dark_gap" or not DARK[0] < t[i] < DARK[1]]
 

@@ -13,6 +13,7 @@ from compass.alignment import align
 from compass.landmarks import follow_landmarks
 from compass.match import Search
 from compass.strip import prepare_strip
+from compass.two_views import follow_motion, sharpen_motion
 from fusion import FusionConfig, YawPipeline
 
 WIDTH, HEIGHT = 1024, 512
@@ -37,7 +38,7 @@ def test_patches_are_found_again_moved_stretched_sheared_and_dimmed():
     true = (at - from_after[:, 2]) @ np.linalg.inv(bend).T
     inside = np.all((true > 20) & (true < (WIDTH - 20, 236)), axis=1)
     start = true + np.random.default_rng(1).uniform(-1.0, 1.0, true.shape)
-    found, likeness = align(before, 0.7 * after + 20.0, at[inside], start[inside])
+    found, likeness, _ = align(before, 0.7 * after + 20.0, at[inside], start[inside])
     off = np.hypot(*(found - true[inside]).T)
     assert inside.sum() > 40
     assert np.median(off) < 0.03
@@ -48,6 +49,54 @@ def test_a_patch_that_is_not_there_is_not_alike():
     at = np.random.default_rng(0).uniform((40, 40), (WIDTH - 40, 216), (60, 2))
     likeness = align(scene(3, WIDTH, 256), scene(4, WIDTH, 256), at, at)[1]
     assert np.mean(likeness > 0.85) < 0.05
+
+
+def test_covariance_of_a_patch_is_that_of_its_errors():
+    rng = np.random.default_rng(7)
+    picture = scene(3, WIDTH, 256)
+    at = rng.uniform((40, 40), (WIDTH - 40, 216), (200, 2))
+    errors, claimed = [], []
+    for _ in range(6):
+        noisy = picture + rng.normal(0.0, 4.0, picture.shape).astype(np.float32)
+        found, _, covariance = align(picture, noisy, at, at)
+        errors.append(found - at)
+        claimed.append(covariance)
+    error, covariance = np.concatenate(errors), np.concatenate(claimed)
+    squared = np.einsum("ni,nij,nj->n", error, np.linalg.inv(covariance), error)
+    assert 1.5 < squared.mean() < 3.5  # 2 degrees of freedom, and what is not linear
+
+
+def test_along_an_edge_a_patch_is_known_badly_and_it_says_so():
+    across = cv2.GaussianBlur(np.where(np.arange(200) < 100, 60.0, 190.0)[None].repeat(100, 0), (0, 0), 1.0)
+    noise = np.random.default_rng(1).normal(0.0, 1.0, (2, *across.shape))
+    before, after = (across + one for one in noise)
+    at = np.array([[100.0, 50.0]])
+    covariance = align(before.astype(np.float32), after.astype(np.float32), at, at)[2][0]
+    assert covariance[0, 0] < 0.01**2
+    assert covariance[1, 1] > 30.0**2 * covariance[0, 0]
+
+
+def test_what_is_badly_known_along_edges_does_not_turn_the_motion():
+    """Edges on one side, found again too low: an honest covariance leaves the turn to the rest."""
+    rng, turn, direction, count = np.random.default_rng(2), 0.3, 0.4, 200
+    azimuth, elevation = rng.uniform(-math.pi, math.pi, count), rng.uniform(-0.5, 0.5, count)
+    seen = np.stack([np.cos(azimuth), np.sin(azimuth), np.tan(elevation)], axis=1)
+    points = seen * rng.uniform(2.0, 6.0, (count, 1))
+    again = points - 0.5 * np.array([math.cos(direction), math.sin(direction), 0.0])
+    again = again @ np.array(
+        [[math.cos(turn), -math.sin(turn), 0.0], [math.sin(turn), math.cos(turn), 0.0], [0, 0, 1.0]]
+    )
+    seen, again = (one / np.linalg.norm(one, axis=1, keepdims=True) for one in (seen, again))
+    edges = np.sin(azimuth - direction) > 0.5
+    slipped = 3e-3 * np.abs(rng.normal(size=count)) * edges
+    again[:, 2] -= slipped
+    again /= np.linalg.norm(again, axis=1, keepdims=True)
+    blur = np.tile(1e-9 * np.eye(2), (count, 1, 1))
+    alike = sharpen_motion(follow_motion(seen, again, turn + 0.01), seen, again, blur)
+    blur[:, 1, 1] += (3e-3) ** 2 * edges
+    told = sharpen_motion(follow_motion(seen, again, turn + 0.01), seen, again, blur)
+    assert abs(told.turn - turn) < 0.1 * abs(alike.turn - turn)
+    assert abs(told.turn - turn) < math.radians(0.01)
 
 
 def past_walls(image, direction, left, right, step):
