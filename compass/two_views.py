@@ -31,13 +31,13 @@ FINE_WIDTHS = np.deg2rad([1.0, 0.35, 0.08])  # the same of directions that are k
 ALL_ROUND = np.linspace(0.0, 2.0 * np.pi, 36, endpoint=False)  # directions of travel to begin with
 OTHERS = np.deg2rad([60.0, 180.0, 300.0])  # from the likeliest: it may be the wrong one
 EXACT = np.deg2rad(0.007)  # by which what is known finest may miss nevertheless
-FINEST = 1e-12  # rad^2; no directions obey better
 OBEYED = np.deg2rad(0.25)  # by which a finely known direction may miss
 TRIED_ON = 120  # directions that choose among those
 NEAR = np.deg2rad(1.0)  # by which a direction may miss the refined motion
 SHUFFLES = 8  # of the partners, to know what chance gives
 INDEPENDENT = 0.25  # share of those that obey: neighbours err together
 FLOOR = np.deg2rad(0.06)  # error that no number of directions averages out
+OBEYING = 1e-8, 1e-12  # rad^2; no directions obey better, no finely known ones: what is assumed of the rest then counts
 FINE_FLOOR = np.deg2rad(0.004)  # the same of finely known ones
 LEANING = 4.0  # error of the turn per tilt or climb and share of the directions that do not obey
 
@@ -200,7 +200,7 @@ def _refined(
             missed = np.square(angles[0]).sum(axis=0)
             near = (1.0 + missed / width**2) ** -2
             weight = near if blur is None else near * _sharpness(states[1], seen, blur)
-            scatter = max(float(weight @ missed / near.sum()), FINEST)
+            scatter = max(float(weight @ missed / near.sum()), OBEYING[blur is not None])
             weight, angles = np.tile(weight, 3), angles.reshape(len(trials), -1)
             slope = (angles[1:6] - angles[6:]) / (2.0 * STEP)
             precision = (slope * weight) @ slope.T + np.diag(scatter / PRIORS**2)

@@ -93,7 +93,7 @@ class FusionConfig(ParameterSet):
         8e-5, "part of the compass's errors that outlasts its references, standard deviation", unit="rad",
         low=0.0, high=1.0,
     )  # fmt: skip
-    compass_error_time: float = parameter(4.0, "how long it lasts", unit="s", low=1e-3, high=1e3)
+    compass_error_time: float = parameter(6.0, "how long it lasts", unit="s", low=1e-3, high=1e3)
     gate_probability: float = parameter(
         0.9999, "share of honest samples that the chi-square gate lets pass", low=0.5, high=1.0 - 1e-12
     )

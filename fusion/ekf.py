@@ -22,9 +22,7 @@ from fusion.motion import integrate_gauss_markov, turning
 
 Array = npt.NDArray[np.float64]
 CLONES = 5  # two images and a keyframe; two views some seconds apart
-LASTING = 0.5  # share of an increment's variance, at most, that is taken to last beyond it
-FAR_LASTING = 0.15  # the same share of one from some seconds ago
-FAR_TIME = 2.0  # s, how long that lasts
+LASTING = 0.5  # share of an increment's variance that is taken to last beyond it, of one from the keyframe at most
 CREEP_RATE = 5e-4  # rad/s, slower than standstill can be told from
 DELAY_WALK = 0.2  # 1/sqrt(s), wander of the camera's delay for what its stamps stray by
 STILL_TURN = 1e-5  # rad, what standing still leaves of a turn
@@ -172,9 +170,9 @@ class YawEkf(ExtendedKalmanFilter):
         Q[State.CAMERA_DELAY, State.CAMERA_DELAY] = DELAY_WALK**2 * self.stray * dt
         F[State.TRACK_ERROR, State.VEER] = self.track_speed * dt
         integrate_gauss_markov(F, Q, State.SLIP, State.TRACK_ERROR, config.slip_time, 1.0, self.track_stray, dt)
-        for error, time in ((State.COMPASS_ERROR, config.compass_error_time), (State.FAR_ERROR, FAR_TIME)):
-            F[error, error] = math.exp(-dt / time)
-            Q[error, error] = -math.expm1(-2.0 * dt / time)
+        for error in (State.COMPASS_ERROR, State.FAR_ERROR):
+            F[error, error] = math.exp(-dt / config.compass_error_time)
+            Q[error, error] = -math.expm1(-2.0 * dt / config.compass_error_time)
         return F, Q
 
     def hear_tracks(self, yaw_rate: float, speed: float) -> None:
@@ -335,10 +333,10 @@ class YawEkf(ExtendedKalmanFilter):
 
         Part of its error lasts from image to image and beyond the reference (parallax keeps its sign while the robot
         passes the same things): a Gauss-Markov state of `compass_error`, or `LASTING` of the variance if that is less;
-        of an increment from some seconds ago another one, of `FAR_LASTING` of the variance.
+        of an increment from some seconds ago another one, of `LASTING` of the variance.
         """
         error = State.FAR_ERROR if far else State.COMPASS_ERROR
-        lasting = FAR_LASTING * variance if far else min(self.config.compass_error**2, LASTING * variance)
+        lasting = LASTING * variance if far else min(self.config.compass_error**2, LASTING * variance)
         H = np.zeros((1, DIM))
         H[0, until], H[0, since] = 1.0, -1.0
         H[0, error] = math.sqrt(lasting)

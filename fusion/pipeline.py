@@ -173,8 +173,11 @@ class YawPipeline:
         from compass import VisualCompass  # type: ignore[attr-defined,unused-ignore]
 
         self.leans = LeanLog()
-        self.compass = VisualCompass(compass_config or CompassConfig(), self.leans.at)
         self.fusion = YawFusion(fusion_config)
+        known_ns = round(
+            1e9 * self.fusion.config.camera_delay
+        )  # what is learnt beyond it would depend on who came late
+        self.compass = VisualCompass(compass_config or CompassConfig(), lambda t_ns: self.leans.at(t_ns - known_ns))
         self.far: YawIncrement | None = None
 
     def add_image(self, t_ns: int, image: npt.NDArray[Any], encoding: str = "") -> YawIncrement | None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-SIGMAS = tuple(1e-3 * 10.0 ** (k / 4.0) for k in range(8))  # s, 1 to 56 ms, the standard deviations that are tried
+SIGMAS = tuple(1e-4 * 10.0 ** (k / 4.0) for k in range(12))  # s, 0.1 to 56 ms, the standard deviations that are tried
 MEMORY = 300  # images while turning
 TAIL = 10.0  # degrees of freedom of the innovations, which have other reasons, too
 

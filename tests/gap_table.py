@@ -85,7 +85,7 @@ def report(name, count, errors):
 def views_of(name, seed):
     """About one frame a second; in the dark none."""
     drive = simulate(name, seed)
-    t = 1e-9 * (drive.frame_truth.t_ns - drive.frame_t_ns[0])
+    t = 1e-9 * (drive.frame_truth.t_ns - drive.frame_truth.t_ns[0])
     indices = np.unique(np.searchsorted(t, np.arange(0.0, t[-1], 1.0)))
     return [View(drive, i) for i in indices if name != "dark_gap" or not DARK[0] < t[i] < DARK[1]]
 

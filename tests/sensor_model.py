@@ -9,7 +9,7 @@ from scipy.linalg import expm
 
 from compass import YawIncrement, wrap_angle
 from fusion import FusionConfig, GyroSample, OdometrySample
-from fusion.ekf import DELAY_WALK, FAR_LASTING, FAR_TIME, LASTING
+from fusion.ekf import DELAY_WALK, LASTING
 
 GRID_HZ = 100
 SENSORS = ("gyro", "tracks", "compass")
@@ -58,19 +58,19 @@ def drawn_drive(seed, sensors=SENSORS, seconds=10.0, config=None, gyro_hz=50, tr
     return Drive(t_ns, yaw, rate, bias, scale, sorted(samples, key=lambda sample: sample.t_ns))
 
 
-def far_increments(drive, seed, every=5, held=3):
+def far_increments(drive, seed, config=None, every=5, held=3):
     """Increments from some seconds ago: at each so-manieth image, from a view that is kept for a few of them.
 
     Of a camera whose stamps are exact.
     """
     rng = np.random.default_rng([seed, 1])
     images = [sample for sample in drive.samples if isinstance(sample, YawIncrement)]
-    lasting = _gauss_markov(rng, drive.yaw.size, FAR_TIME)
+    lasting = _gauss_markov(rng, drive.yaw.size, (config or FusionConfig()).compass_error_time)
     out, reference = [], images[0].t_ref_ns
     for count, image in enumerate(images[every - 1 :: every], 1):
         since, until = (round(t_ns * 1e-9 * GRID_HZ) for t_ns in (reference, image.t_ns))
         variance = float(rng.uniform(0.1e-3, 0.4e-3)) ** 2
-        error = math.sqrt(FAR_LASTING) * lasting[until] + math.sqrt(1.0 - FAR_LASTING) * rng.normal()
+        error = math.sqrt(LASTING) * lasting[until] + math.sqrt(1.0 - LASTING) * rng.normal()
         turn = float(wrap_angle(drive.yaw[until] - drive.yaw[since] + math.sqrt(variance) * error))
         out.append(YawIncrement(reference, image.t_ns, turn, variance, 0.9, far=True))
         if count % held == 0:

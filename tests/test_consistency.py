@@ -102,7 +102,7 @@ def test_nees_lies_in_its_bounds_with_views_from_some_seconds_ago(sensors):
     for seed in range(DRIVES):
         config = replace(modelled(seed), camera_delay_sigma=0.0, compass_timing=0.0, compass_timing_factor=1.0)
         drive = drawn_drive(seed, sensors, 8.0, config, gyro_hz=25, track_hz=10, compass_hz=5, hold=0.6)
-        with_far = replace(drive, samples=[*drive.samples, *far_increments(drive, seed)])
+        with_far = replace(drive, samples=[*drive.samples, *far_increments(drive, seed, config)])
         nees.append(run(with_far, config)[0])
         if seed < 5:
             for far, samples in ((True, with_far.samples), (False, drive.samples)):

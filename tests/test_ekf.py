@@ -9,7 +9,7 @@ from sensor_model import turning_noise
 
 from compass import wrap_angle
 from fusion import FusionConfig
-from fusion.ekf import CLONES, DIM, FAR_LASTING, LASTING, TURNING, YAWS, State, YawEkf
+from fusion.ekf import CLONES, DIM, LASTING, TURNING, YAWS, State, YawEkf
 from fusion.lean import BiasGain
 
 
@@ -45,7 +45,7 @@ def test_jacobians_equal_finite_differences(ekf):
         (ekf.compass(0.0, 1e-4, State.CLONE, State.YAW), lambda x: expected_compass(x, ekf.config, 1e-4)),
     ]
     far = ekf.compass(0.0, 1e-4, State.CLONE, State.YAW, far=True)
-    lasting = math.sqrt(FAR_LASTING * 1e-4)
+    lasting = math.sqrt(LASTING * 1e-4)
     pairs.append((far, lambda x: x[State.YAW] - x[State.CLONE] + lasting * x[State.FAR_ERROR]))
     step = 1e-6  # all models are at most bilinear, so central differences err by rounding alone: 1e-16 / 1e-6
     for measurement, expected in pairs:

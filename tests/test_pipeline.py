@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from compass import CompassStatus
-from fusion import GyroSample, OdometrySample, Sensor, YawPipeline
+from fusion import FusionConfig, GyroSample, OdometrySample, Sensor, YawPipeline
 
 FRAME_NS = 100_000_000
 
@@ -57,3 +57,11 @@ def test_reset_starts_compass_and_fusion_anew():
     pipeline.add_image(0, panorama(0.0))
     pipeline.add_image(FRAME_NS, panorama(0.1))
     assert pipeline.estimate().yaw == pytest.approx(0.1, abs=0.002)
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.05])
+def test_compass_asks_how_the_robot_leant_at_the_exposure_as_far_as_the_delay_is_given(delay, monkeypatch):
+    pipeline, asked = YawPipeline(fusion_config=FusionConfig(camera_delay=delay)), []
+    monkeypatch.setattr(pipeline.leans, "at", asked.append)
+    pipeline.add_image(10 * FRAME_NS, panorama(0.0))
+    assert asked == [10 * FRAME_NS - round(1e9 * delay)]

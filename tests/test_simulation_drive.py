@@ -180,9 +180,30 @@ def test_truth_starts_at_zero_and_contains_every_frame():
         truth = drive_.truth
         assert (np.diff(truth.t_ns) > 0).all()
         assert truth.x[0] == truth.y[0] == truth.yaw[0] == 0.0
-        assert np.isin(drive_.frame_t_ns, truth.t_ns).all()
-        assert np.array_equal(truth.yaw_at(drive_.frame_t_ns), drive_.frame_truth.yaw)
+        assert np.isin(drive_.frame_truth.t_ns, truth.t_ns).all()
+        assert np.array_equal(truth.yaw_at(drive_.frame_truth.t_ns), drive_.frame_truth.yaw)
         assert drive_.imu[0].t_ns <= drive_.frame_t_ns[0] <= drive_.frame_t_ns[-1] <= drive_.imu[-1].t_ns + 10_000_000
+
+
+def test_images_are_stamped_late_and_stray_each_drive_in_its_own_way():
+    late = []
+    for seed in range(40):
+        drive_ = simulate("spin5_yard", seed)
+        seconds = 1e-9 * (drive_.frame_t_ns - drive_.frame_truth.t_ns)
+        assert (np.diff(drive_.frame_t_ns) > 0).all()
+        late.append((seconds.mean(), seconds.std()))
+    delay, stray = np.array(late).T
+    assert delay.min() > -1e-3
+    assert delay.max() < 0.041
+    assert delay.mean() == pytest.approx(0.02, abs=3 * 0.0116 / np.sqrt(40))
+    assert 0.8e-5 < stray.min() < 1e-4
+    assert 1e-3 < stray.max() < 3.3e-3
+    assert np.array_equal(simulate("spin5_yard", 3).frame_t_ns, simulate("spin5_yard", 3).frame_t_ns)
+
+
+def test_synthetic_pictures_are_stamped_when_they_are_exposed():
+    drive_ = simulate("shifted", 1)
+    assert np.array_equal(drive_.frame_t_ns, drive_.frame_truth.t_ns)
 
 
 def test_shifted_pictures_are_whole_columns_apart():

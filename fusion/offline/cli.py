@@ -135,7 +135,8 @@ def evaluate(
 ) -> None:
     """Score every compass, each sensor and the fused yaw.
 
-    WHAT are names of experiments and bags with ground truth; without, all experiments.
+    WHAT are names of experiments and bags with ground truth; without, all experiments. On experiments the compass's
+    methods are told when images were exposed; "raw compass", what is published, goes by their stamps, as fused does.
     """
     from fusion.offline.evaluation import run_evaluation
     from fusion.offline.topics import TopicRequest

@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 
 from compass import VisualCompass, YawIncrement, wrap_angle
+from compass.attitude import Vector
 from compass.config import METHODS
 from fusion.offline.bag import Bag, BagError
 from fusion.offline.console import progress_bar
@@ -112,20 +113,42 @@ class Tracks:
 
 
 def all_tracks(
-    recording: Recording, settings: Settings, progress: Progress = lambda part: None, *, smooth: bool = False
+    recording: Recording,
+    settings: Settings,
+    progress: Progress = lambda part: None,
+    *,
+    smooth: bool = False,
+    exposed_ns: Mapping[int, int] | None = None,
 ) -> Tracks:
-    """Run every method of the compass and the filter, each frame shown to all of them."""
+    """Run every method of the compass and the filter, each frame shown to all of them.
+
+    Where it is known when images were exposed, by their stamps, the methods are told: nobody but them is to blame for
+    their errors. The raw compass, as the configured method is published, goes by the stamps all the same, as does the
+    fused yaw, which has to find out.
+    """
+    when = exposed_ns or {}
+
+    def up_exposed(t_ns: int) -> Vector | None:
+        return recording.gyro.up_at(when.get(t_ns, t_ns))
+
     configs = {name: replace(settings.compass, method=name) for name in METHODS}
-    compasses = {name: VisualCompass(c, None if name == PAPER else recording.gyro.up_at) for name, c in configs.items()}
+    compasses = {name: VisualCompass(c, None if name == PAPER else up_exposed) for name, c in configs.items()}
     watched = _Watched(recording, compasses)
     run = fuse_recording(watched, settings, progress)
     if smooth:
         smooth_run(run, settings)
-    yaws = {name: track for name, track in yaw_tracks(run).items() if name != COMPASS}
+    yaws = dict(yaw_tracks(run))
+    if exposed_ns is None:
+        yaws.pop(COMPASS, None)  # the same as the configured method's
     for name, seen in watched.yaws.items():
         if len(seen) > 1:
-            yaws[name] = YawTrack(np.array([t for t, _ in seen], np.int64), np.array([yaw for _, yaw in seen]))
-    return Tracks(run, yaws, watched.increments)
+            t_ns = np.array([when.get(t, t) for t, _ in seen], np.int64)
+            yaws[name] = YawTrack(t_ns, np.array([yaw for _, yaw in seen]))
+    increments = {
+        name: [replace(i, t_ref_ns=when.get(i.t_ref_ns, i.t_ref_ns), t_ns=when.get(i.t_ns, i.t_ns)) for i in found]
+        for name, found in watched.increments.items()
+    }
+    return Tracks(run, yaws, increments)
 
 
 def score_tracks(drive: str, seed: int, tracks: Tracks, truth: TruthTrack, frames: int) -> list[Outcome]:
@@ -213,7 +236,7 @@ def _evaluate_experiment(task: Task) -> list[Outcome]:
     name, seed, settings, smooth = task
     recording = SimulatedRecording(simulate(name, seed), settings.imu)
     experiment = EXPERIMENTS[name]
-    tracks = all_tracks(recording, settings, smooth=smooth)
+    tracks = all_tracks(recording, settings, smooth=smooth, exposed_ns=recording.exposed_ns)
     outcomes = score_tracks(name, seed, tracks, recording.truth, recording.frame_count)
     return [replace(outcome, distance=experiment.distance, turns=experiment.turns) for outcome in outcomes]
 

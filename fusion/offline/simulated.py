@@ -32,6 +32,11 @@ class SimulatedRecording:
         self.truth = TruthTrack(drive.truth.t_ns, drive.truth.yaw)
 
     @property
+    def exposed_ns(self) -> dict[int, int]:
+        """When each panorama was exposed, by its stamp, ns."""
+        return dict(zip(self.drive.frame_t_ns.tolist(), self.drive.frame_truth.t_ns.tolist(), strict=True))
+
+    @property
     def frame_count(self) -> int:
         """Number of panoramas."""
         return len(self.drive)

@@ -74,24 +74,22 @@ class Drive:
     odometry : sequence of OdometryReading
         40 Hz.
     truth : Truth
-        At 200 Hz and at every frame.
+        At 200 Hz, and whenever a frame was exposed.
+    frame_t_ns : ndarray of int64
+        Stamps of the frames as the camera's driver gives them, ns.
     frame_truth : Truth
-        At the frames alone.
+        When the frames were exposed.
     """
 
     imu: Sequence[ImuReading]
     odometry: Sequence[OdometryReading]
     truth: Truth
+    frame_t_ns: npt.NDArray[np.int64]
     frame_truth: Truth
     _effects: FrameEffects
     _jpeg_quality: int
     _load: Callable[[Progress | None], Frames]
     _clean: Frames | None = None
-
-    @property
-    def frame_t_ns(self) -> npt.NDArray[np.int64]:
-        """Stamps of the frames, ns."""
-        return self.frame_truth.t_ns
 
     def __len__(self) -> int:
         """Number of frames."""
@@ -134,8 +132,8 @@ def simulate(
     name : str
         Which.
     seed : int
-        Chooses the sensors' errors, the ground's grip, the exposure, and, every `SEEDS_PER_WORLD`, another world.
-        Same name and seed, same bytes.
+        Chooses the sensors' errors, how images are stamped, the ground's grip, the exposure, and, every
+        `SEEDS_PER_WORLD`, another world. Same name and seed, same bytes.
     cache : Path or None
         Directory for rendered frames; None: see `cache_directory`.
     workers : int
@@ -151,7 +149,7 @@ def simulate(
     experiment = find_experiment(name)
     times = experiment.frame_times()
     motion = experiment.trajectory.in_place.at(times)
-    streams = [np.random.default_rng([seed, zlib.crc32(name.encode()), stream]) for stream in range(3)]
+    streams = [np.random.default_rng([seed, zlib.crc32(name.encode()), stream]) for stream in range(4)]
     effects = FrameEffects(experiment.effects, times, motion.yaw_rate, int(streams[2].integers(2**31)))
     variant = seed // SEEDS_PER_WORLD % WORLDS
     renderer = Renderer(camera, camera_poses(motion, experiment.mount), times.tolist(), experiment.rolled)
@@ -163,11 +161,13 @@ def simulate(
         key = experiment.place.__name__.encode() + renderer.key()
         return cached_frames(f"{name}-{variant}", key, times.size, start, cache, workers, progress)
 
+    stamps = times if experiment.stamps is None else np.rint(experiment.stamps.stamp(times, streams[3]) * 1e9) / 1e9
     fine = np.rint(np.arange(0.0, experiment.trajectory.duration, 1.0 / TRUTH_HZ) * 1e9) / 1e9
     return Drive(
         read_imu(experiment.trajectory, experiment.imu, streams[0], START_NS),
         read_tracks(experiment.trajectory, experiment.surface, streams[1], START_NS + ODOMETRY_DELAY_NS),
         true_motion(experiment, np.union1d(fine, times)),
+        START_NS + np.round(stamps * 1e9).astype(np.int64),
         true_motion(experiment, times),
         effects,
         experiment.effects.jpeg_quality,

@@ -13,14 +13,15 @@ from compass.errors import VisualCompassError
 from fusion.simulation import robot
 from fusion.simulation.effects import Effects
 from fusion.simulation.imu import ImuModel
+from fusion.simulation.stamps import StampModel
 from fusion.simulation.trajectory import Trajectory
 from fusion.simulation.world import World
 
 _CAMERA = Effects()
 _MTI = ImuModel()
+_DRIVER = StampModel()
 
-
-CAMERA_DELAY = 0.05  # s from the start of the drive to the first frame
+FIRST_FRAME = 0.05  # s from the start of the drive to the first frame
 
 
 class SimulationError(VisualCompassError, ValueError):
@@ -49,6 +50,8 @@ class Experiment:
         What the camera does to the picture.
     imu : ImuModel
         The inertial unit.
+    stamps : StampModel or None
+        How the camera's driver stamps images; None: with the very moment of exposure.
     mount : tuple of float
         Camera on the robot: x, y, z in m from the turning centre on the ground.
     frame_hz : float
@@ -66,6 +69,7 @@ class Experiment:
     surface: robot.Surface = robot.FLOOR
     effects: Effects = _CAMERA
     imu: ImuModel = _MTI
+    stamps: StampModel | None = _DRIVER
     mount: tuple[float, float, float] = (0.06, 0.0, 0.65)
     frame_hz: float = 10.0
     rolled: bool = False
@@ -75,11 +79,11 @@ class Experiment:
         return self.place(np.random.default_rng([zlib.crc32(self.name.encode()), variant]))
 
     def frame_times(self) -> npt.NDArray[np.float64]:
-        """When frames are taken, s since the start; stamps jitter by 1 ms, except in synthetic data."""
-        count = int((self.trajectory.duration - CAMERA_DELAY) * self.frame_hz)
+        """When frames are exposed, s since the start; not quite evenly, except in synthetic data."""
+        count = int((self.trajectory.duration - FIRST_FRAME) * self.frame_hz)
         jitter = np.random.default_rng(zlib.crc32(self.name.encode())).normal(0.0, 1e-3, count)
         jitter = np.zeros(count) if self.rolled else np.clip(jitter, -4e-3, 4e-3)
-        return np.rint((CAMERA_DELAY + np.arange(count) / self.frame_hz + jitter) * 1e9) / 1e9
+        return np.rint((FIRST_FRAME + np.arange(count) / self.frame_hz + jitter) * 1e9) / 1e9
 
     @property
     def distance(self) -> float:

@@ -10,7 +10,7 @@ import numpy as np
 
 from fusion.simulation import places, yards
 from fusion.simulation.effects import NO_EFFECTS, Effects
-from fusion.simulation.experiment import CAMERA_DELAY, Experiment, SimulationError
+from fusion.simulation.experiment import FIRST_FRAME, Experiment, SimulationError
 from fusion.simulation.robot import CONCRETE, DIRT
 from fusion.simulation.trajectory import Ground, Leg, Trajectory, curve, spin, stand, straight
 
@@ -37,7 +37,7 @@ _DEMO = (
     *(spin(360, 0.8), stand(0.5), straight(3.0, 0.5), curve(90, 1.2, 0.45), straight(0.8, 0.45), stand(2.0)),
     *(curve(180, 0.8, 0.4), straight(1.5, 0.5), curve(-120, 0.7, 0.4), straight(0.6, 0.4), spin(-150, 0.8)),
 )
-_SHIFTS = (stand(1.05 + CAMERA_DELAY), _columns(-120, 6), _columns(84, 14), stand(0.5), _columns(-220, 4), stand(1.0))
+_SHIFTS = (stand(1.05 + FIRST_FRAME), _columns(-120, 6), _columns(84, 14), stand(0.5), _columns(-220, 4), stand(1.0))
 _THERE_AND_BACK = (straight(8.0, 0.45), spin(180, 0.6), straight(8.0, 0.45), spin(180, 0.6))
 _U_TURNS = 2 * (straight(8.0, 0.45), curve(180, 0.15, 0.1))
 _SQUARE = 4 * (straight(5.0, 0.45), spin(90, 0.6))
@@ -69,6 +69,7 @@ _TABLE = (
         trajectory=Trajectory(_SHIFTS, ramp=0.1),
         published_deg=0.0,
         effects=NO_EFFECTS,
+        stamps=None,
         rolled=True,
     ),
     Experiment(
