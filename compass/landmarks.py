@@ -95,10 +95,11 @@ def match_landmarks(reference: Strip, current: Strip, search: Search) -> Match:
         return NOTHING
     seen, again = before.bearings[matched[:, 0]], after.bearings[matched[:, 1]]
     motion = find_motion(seen, again)
-    inliers, nats = evidence(motion, seen, again)
+    nats = evidence(motion, seen, again)[1]
     if nats < EVIDENCE or motion.variance > VAGUE**2 or _rivalled(motion, nats, before, after, alike):
         return NOTHING
-    return _match_of(_sharpened(motion, before, after, matched) or motion, inliers / len(matched), reference)
+    obey = misses(motion.states, seen, again)[0] < NEAR**2
+    return _match_of(_sharpened(motion, before, after, matched[obey]) or motion, obey, reference)
 
 
 def follow_landmarks(reference: Strip, current: Strip, search: Search) -> Match:
@@ -114,24 +115,22 @@ def follow_landmarks(reference: Strip, current: Strip, search: Search) -> Match:
         return NOTHING
     seen, again = before.bearings[matched[:, 0]], after.bearings[matched[:, 1]]
     motion = follow_motion(seen, again, search.expected_px * 2.0 * np.pi / reference.columns)
-    obeying = float(np.mean(misses(motion.states, seen, again)[0] < NEAR**2))
-    sharp = _sharpened(motion, before, after, matched)
-    return _match_of(sharp, obeying, reference) if sharp else NOTHING
+    obey = misses(motion.states, seen, again)[0] < NEAR**2
+    sharp = _sharpened(motion, before, after, matched[obey])
+    return _match_of(sharp, obey, reference) if sharp else NOTHING
 
 
 def _sharpened(motion: Motion, before: Landmarks, after: Landmarks, matched: Indices) -> Motion | None:
-    """The motion by the corners that obey it, found again finely; None where too few are alike."""
-    seen, again = before.bearings[matched[:, 0]], after.bearings[matched[:, 1]]
-    obey = misses(motion.states, seen, again)[0] < NEAR**2
-    seen, again, blur = _aligned(before, after, matched[obey][:ALIGNED])
+    """The motion by the corners that obey it, `matched`, found again finely; None where too few are alike."""
+    seen, again, blur = _aligned(before, after, matched[:ALIGNED])
     return sharpen_motion(motion, seen, again, blur) if len(seen) >= FEWEST else None
 
 
-def _match_of(motion: Motion, confidence: float, reference: Strip) -> Match:
-    """What a motion says of a turn, in columns."""
+def _match_of(motion: Motion, obey: npt.NDArray[np.bool_], reference: Strip) -> Match:
+    """What a motion, which these corners obey, says of a turn, in columns."""
     per_rad = reference.columns / (2.0 * np.pi)
     tilt = motion.tilt_x, motion.tilt_y
-    return Match(motion.turn * per_rad, motion.variance * per_rad**2, confidence, tilt=tilt)
+    return Match(motion.turn * per_rad, motion.variance * per_rad**2, float(obey.mean()), tilt=tilt)
 
 
 def _aligned(before: Landmarks, after: Landmarks, matched: Indices) -> tuple[Floats, Floats, Floats]:

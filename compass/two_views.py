@@ -36,9 +36,8 @@ TRIED_ON = 120  # directions that choose among those
 NEAR = np.deg2rad(1.0)  # by which a direction may miss the refined motion
 SHUFFLES = 8  # of the partners, to know what chance gives
 INDEPENDENT = 0.25  # share of those that obey: neighbours err together
-FLOOR = np.deg2rad(0.06)  # error that no number of directions averages out
-OBEYING = 1e-8, 1e-12  # rad^2; no directions obey better, no finely known ones: what is assumed of the rest then counts
-FINE_FLOOR = np.deg2rad(0.004)  # the same of finely known ones
+FLOOR, FINE_FLOOR = np.deg2rad([0.06, 0.004])  # error that no number of directions averages out, of finely known ones
+CLOSEST, FINE_CLOSEST = 1e-8, 1e-12  # rad^2 by which they miss on average, at least; else nothing is left of `PRIORS`
 LEANING = 4.0  # error of the turn per tilt or climb and share of the directions that do not obey
 
 
@@ -126,13 +125,13 @@ def sharpen_motion(motion: Motion, seen: Floats, again: Floats, blur: Floats) ->
     """
     some = np.random.default_rng(3).permutation(len(seen))[:TRIED_ON]
     few = seen[some], again[some]
-    tried = [_refined(motion.states[0], *few, FINE_WIDTHS[1:], blur=blur[some])]
+    tried = [_refined(motion.states[0], *few, FINE_WIDTHS[1:], blur[some])]
     for other in OTHERS:
         start = np.array([motion.turn, motion.states[0, 1] + other, 0.0, 0.0, 0.0])
-        tried.append(_refined(start, *few, FINE_WIDTHS, blur=blur[some]))
+        tried.append(_refined(start, *few, FINE_WIDTHS, blur[some]))
     miss = misses(np.concatenate([one.states for one in tried]), *few)
     best = tried[int(np.maximum(1.0 - miss / OBEYED**2, 0.0).sum(axis=1).argmax())]
-    sharp = _refined(best.states[0], seen, again, FINE_WIDTHS[-1:], FINE_FLOOR, blur)
+    sharp = _refined(best.states[0], seen, again, FINE_WIDTHS[-1:], blur)
     return replace(sharp, variance=sharp.variance + motion.doubt, doubt=motion.doubt)
 
 
@@ -189,10 +188,13 @@ def _refined(
     seen: Floats,
     again: Floats,
     widths: Floats = WIDTHS,
-    floor: float = FLOOR,
     blur: Floats | None = None,
 ) -> Motion:
-    """The motion near `states`, (5,), that the directions near it obey best: Gauss-Newton, each time more narrowly."""
+    """The motion near `states`, (5,), that the directions near it obey best: Gauss-Newton, each time more narrowly.
+
+    With `blur` the directions are finely known, see `sharpen_motion`.
+    """
+    floor, closest = (FLOOR, CLOSEST) if blur is None else (FINE_FLOOR, FINE_CLOSEST)
     trials = STEP * np.concatenate([np.zeros((1, 5)), np.eye(5), -np.eye(5)])
     for width in widths:
         for _ in range(ROUNDS):
@@ -200,7 +202,7 @@ def _refined(
             missed = np.square(angles[0]).sum(axis=0)
             near = (1.0 + missed / width**2) ** -2
             weight = near if blur is None else near * _sharpness(states[1], seen, blur)
-            scatter = max(float(weight @ missed / near.sum()), OBEYING[blur is not None])
+            scatter = max(float(weight @ missed / near.sum()), closest)
             weight, angles = np.tile(weight, 3), angles.reshape(len(trials), -1)
             slope = (angles[1:6] - angles[6:]) / (2.0 * STEP)
             precision = (slope * weight) @ slope.T + np.diag(scatter / PRIORS**2)

@@ -98,9 +98,13 @@ def reference_of(increment: YawIncrement) -> ReferenceEvent:
     return ReferenceEvent(increment.t_ref_ns, (increment.t_ref_ns, Rank.REFERENCE, increment.far), increment.far)
 
 
-def is_kept(increment: YawIncrement, last_far: YawIncrement | None) -> bool:
-    """Whether the filter still has the reference: it keeps both views of the last increment from some seconds ago."""
-    return increment.far and last_far is not None and increment.t_ref_ns in (last_far.t_ref_ns, last_far.t_ns)
+def needs_reference(increment: YawIncrement, last_far: YawIncrement | None, window_ns: float) -> bool:
+    """Whether the yaw at an increment's reference, no further back than a window, must be remembered anew.
+
+    The filter still has both views of the last increment from some seconds ago, `last_far`.
+    """
+    kept = increment.far and last_far is not None and increment.t_ref_ns in (last_far.t_ref_ns, last_far.t_ns)
+    return increment.t_ns - increment.t_ref_ns <= window_ns and not kept
 
 
 def sensor_of(sample: Sample) -> Sensor:

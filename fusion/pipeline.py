@@ -20,7 +20,7 @@ from fusion.events import (
     event_of,
     fault_of,
     heading_of,
-    is_kept,
+    needs_reference,
     reference_of,
     sensor_of,
 )
@@ -119,7 +119,7 @@ class YawFusion:
 
     def _remember_reference(self, increment: YawIncrement) -> None:
         """See to it that the filter has the yaw at an increment's reference, as far as it may go back for that."""
-        if increment.t_ns - increment.t_ref_ns <= self._reference_ns and not is_kept(increment, self._last_far):
+        if needs_reference(increment, self._last_far, self._reference_ns):
             self._timeline.add(reference_of(increment))
         if increment.far:
             self._last_far = increment
@@ -174,9 +174,8 @@ class YawPipeline:
 
         self.leans = LeanLog()
         self.fusion = YawFusion(fusion_config)
-        known_ns = round(
-            1e9 * self.fusion.config.camera_delay
-        )  # what is learnt beyond it would depend on who came late
+        # the delay as given: what is learnt beyond it would depend on who came late
+        known_ns = round(1e9 * self.fusion.config.camera_delay)
         self.compass = VisualCompass(compass_config or CompassConfig(), lambda t_ns: self.leans.at(t_ns - known_ns))
         self.far: YawIncrement | None = None
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from fusion.config import FusionConfig
 from fusion.ekf import DIM, Array, Correction, Transition
-from fusion.events import CompassEvent, FusionEvent, Sample, event_of, fault_of, is_kept, reference_of
+from fusion.events import CompassEvent, FusionEvent, Sample, event_of, fault_of, needs_reference, reference_of
 from fusion.filter import FilterState, YawFilter, estimate_of
 from fusion.samples import YawEstimate
 
@@ -61,8 +61,7 @@ def ordered_events(samples: Iterable[Sample], config: FusionConfig) -> list[Fusi
     last_far = None
     for event in sorted((e for e in events.values() if isinstance(e, CompassEvent)), key=attrgetter("order")):
         increment = event.sample
-        near = increment.t_ns - increment.t_ref_ns <= config.reference_window * 1e9
-        if near and not is_kept(increment, last_far):
+        if needs_reference(increment, last_far, config.reference_window * 1e9):
             reference = reference_of(increment)
             events[reference.order] = reference
         last_far = increment if increment.far else last_far
