@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 from compass.lazy import lazy_names
 
 if TYPE_CHECKING:
+    from fusion.checks.warnings import Warning
     from fusion.config import FusionConfig
     from fusion.events import Sensor
     from fusion.gating import SensorReport, Verdict
@@ -19,6 +20,7 @@ __all__ = [
     "Sensor",
     "SensorReport",
     "Verdict",
+    "Warning",
     "YawEstimate",
     "YawFusion",
     "YawPipeline",
@@ -30,6 +32,7 @@ __getattr__, __dir__ = lazy_names(
     {
         "FusionConfig": "config",
         "Sensor": "events",
+        "Warning": "checks.warnings",
         "SensorReport": "gating",
         "Verdict": "gating",
         "YawFusion": "pipeline",

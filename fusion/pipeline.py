@@ -5,12 +5,13 @@ from __future__ import annotations
 import logging
 import math
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 import numpy.typing as npt
 
 from compass import CompassConfig, YawIncrement
+from fusion.checks.warnings import Warning, WarningLog, most_serious_first
 from fusion.config import FusionConfig
 from fusion.events import (
     CompassEvent,
@@ -167,12 +168,16 @@ class YawPipeline:
         What the gyro's samples said of the robot's lean; the compass asks it.
     far : YawIncrement or None
         What the last image gave from a view some seconds ago.
+    warning_sources : list of callable
+        What else says what is wrong at present, each without arguments: images, levelling, whoever feeds the pipeline.
     """
 
     def __init__(self, compass_config: CompassConfig | None = None, fusion_config: FusionConfig | None = None) -> None:
         from compass import VisualCompass  # type: ignore[attr-defined,unused-ignore]
 
         self.leans = LeanLog()
+        self.warning_sources: list[Callable[[], Iterable[Warning]]] = []
+        self._log = WarningLog()
         self.fusion = YawFusion(fusion_config)
         # the delay as given: what is learnt beyond it would depend on who came late
         known_ns = round(1e9 * self.fusion.config.camera_delay)
@@ -198,8 +203,23 @@ class YawPipeline:
         """The fused estimate after the newest sample; None before the first."""
         return self.fusion.estimate()
 
+    def warnings(self) -> list[Warning]:
+        """What is wrong at present with sensors, clocks and images, most serious first."""
+        estimate = self.fusion.estimate()
+        found = list(estimate.warnings if estimate else ())
+        for source in self.warning_sources:
+            found += source()
+        return most_serious_first(found)
+
+    @property
+    def warning_log(self) -> WarningLog:
+        """All that was wrong so far."""
+        self._log.note(self.warnings())
+        return self._log
+
     def reset(self) -> None:
         """Start compass and fusion anew."""
         self.leans.clear()
+        self._log.clear()
         self.compass.reset()
         self.fusion.reset()

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 from compass.angles import wrap_angle
+from fusion.checks.warnings import Warning
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,6 +75,8 @@ class YawEstimate:
         From the exposure of an image to its stamp, s and s^2.
     standstill, slip : bool
         Whether the robot is taken to stand, and the tracks to slip.
+    warnings : tuple of Warning
+        What is wrong at present, most serious first.
     """
 
     t_ns: int
@@ -89,6 +92,7 @@ class YawEstimate:
     camera_delay_variance: float = 0.0
     standstill: bool = False
     slip: bool = False
+    warnings: tuple[Warning, ...] = ()
 
     @property
     def heading(self) -> float:
