@@ -38,7 +38,7 @@ _RANK = {code: rank for rank, code in enumerate(CODES)}
 
 
 @dataclass(frozen=True, slots=True)
-class Warning:  # noqa: A001 - the word users look for; nothing here raises the builtin
+class Warning:
     """One thing that is wrong.
 
     Attributes
