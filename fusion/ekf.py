@@ -328,6 +328,11 @@ class YawEkf(ExtendedKalmanFilter):
         self.P = self.P.copy()
         self.P[index, index] += variance
 
+    def widen_frame(self, variance: float) -> None:
+        """Add to the variance of all yaws alike: by so much the whole past may be turned."""
+        self.P = self.P.copy()
+        self.P[np.ix_(YAWS, YAWS)] += variance
+
     def compass(self, yaw: float, variance: float, since: int, until: int, *, far: bool = False) -> Measurement:
         """What an increment (rad, variance rad^2) between the clones `since` and `until` says, modulo a turn.
 

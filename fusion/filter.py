@@ -13,6 +13,12 @@ import numpy as np
 
 from compass import YawIncrement, wrap_angle
 from compass.attitude import beyond_error
+from fusion.checks.explain import warnings_of
+from fusion.checks.isolation import DOUBT, Doubt, Isolation, Remedy
+from fusion.checks.judge import judge
+from fusion.checks.refusal import Refusal
+from fusion.checks.turns import LONGEST_WINDOW_NS, SAME_NUMBER, Claim, Turns, Window
+from fusion.checks.warnings import Warning
 from fusion.clones import Clone, Clones
 from fusion.config import FusionConfig
 from fusion.ekf import Array, Correction, Measurement, State, Transition, YawEkf
@@ -21,10 +27,9 @@ from fusion.exposure import Exposure, GyroTrail
 from fusion.gating import Gate, Verdict, gate_limit
 from fusion.lean import LEAN_ERROR, BiasGain, heading_change
 from fusion.samples import GyroSample, YawEstimate
-from fusion.standstill import Stillness
+from fusion.standstill import CREEP, CREEP_RATE, Stillness
 from fusion.stray import Stray
 from fusion.tracks import TrackClaim, TrackVoice
-from fusion.vote import Vote
 
 FOREVER_NS = 2**63
 HIDDEN_RATE = 1e-3  # rad/s; a start shows only after some hundredths of a second, at about 0.01 rad/s
@@ -56,8 +61,16 @@ class FilterState:
         Increments whose reference the filter had never seen or forgotten.
     stillness : Stillness
         Signs of standing still.
-    vote : Vote
-        On the gyro.
+    turns : Turns
+        What each sensor says of the present window.
+    isolation : Isolation
+        Who contradicts, is excluded and in doubt.
+    gyro_since_ns : int or None
+        Since when the gyro has spoken without a pause.
+    refusal : Refusal or None
+        Increments that the gate refuses at present.
+    warnings : tuple of Warning
+        What is wrong.
     trail : GyroTrail
         What the gyro said lately.
     bias_gain : BiasGain
@@ -77,7 +90,11 @@ class FilterState:
     gates: dict[Sensor, Gate] = field(default_factory=lambda: {sensor: Gate() for sensor in Sensor})
     references_lost: int = 0
     stillness: Stillness = field(default_factory=lambda: Stillness(0))
-    vote: Vote = field(default_factory=Vote)
+    turns: Turns = field(default_factory=Turns)
+    isolation: Isolation = field(default_factory=Isolation)
+    gyro_since_ns: int | None = None
+    refusal: Refusal | None = None
+    warnings: tuple[Warning, ...] = ()
     trail: GyroTrail = field(default_factory=GyroTrail)
     bias_gain: BiasGain = field(default_factory=BiasGain)
     stray: Stray = field(default_factory=lambda: Stray(0.0))
@@ -182,6 +199,8 @@ class YawFilter:
     def _fuse_gyro(self, state: FilterState, event: GyroEvent) -> None:
         """Take in a gyro sample, or find that the robot or the bias has made a jump."""
         sample, refused = event.sample, state.gates[Sensor.GYRO]
+        if refused.report is None or event.t_ns - refused.report.t_ns > SILENT_NS:
+            state.gyro_since_ns = event.t_ns
         if sample.up:
             sample = replace(sample, up=beyond_error(sample.up, LEAN_ERROR))
         gain = BiasGain.leaning(sample.up) if sample.up else state.bias_gain
@@ -190,7 +209,7 @@ class YawFilter:
             state.bias_gain = gain
         if state.stillness.standing and sample.cross_rate is not None:
             self._ekf.correct(self._ekf.cross_rate_at_rest(sample.cross_rate))
-        state.vote = state.vote.with_gyro(sample)
+        state.turns = state.turns.with_gyro(sample)
         measurement = self._ekf.gyro(sample.yaw_rate, self._gyro_sigma(state, sample) ** 2)
         verdict = self._judge(state, Sensor.GYRO, measurement)
         if verdict is not Verdict.REJECTED:
@@ -203,7 +222,7 @@ class YawFilter:
         elif (
             verdict is Verdict.REJECTED
             and refused.refused_like(measurement.innovation)
-            and state.vote.distrusted is not Sensor.GYRO
+            and not state.isolation.excludes(Sensor.GYRO)
         ):
             # twice on the same side: the robot turns harder than was to be expected, since the last sample accepted
             seconds = (event.t_ns - (refused.accepted_ns or event.t_ns)) * 1e-9
@@ -215,7 +234,9 @@ class YawFilter:
     def _fuse_tracks(self, state: FilterState, event: TracksEvent) -> None:
         """Take in what the tracks claim since their reference, once `track_interval` is over."""
         sample, ekf, tracks = event.sample, self._ekf, state.tracks
-        state.vote = state.vote.with_tracks(sample)
+        state.turns = state.turns.with_tracks(sample)
+        if state.turns.ends_at_odometry(event.t_ns):
+            self._compare(state, None)
         alone = not (state.hears(Sensor.GYRO) or state.hears(Sensor.COMPASS))
         # seldom enough that a slip meets what the others have settled, and not the other way round
         interval = 0.0 if alone else self.config.track_interval
@@ -248,26 +269,76 @@ class YawFilter:
             state.references_lost += 1
             slot = self._remember(state, event.sample.t_ref_ns, reference=True)
         increment = self._levelled(event.sample, state.clones[slot])
-        if not increment.far:
-            self._take_vote(state, increment, slot if known else None)
+        moved = not increment.far and self._take_turn(state, increment, slot if known else None)
         state.clones = state.clones.used(slot, event.t_ns)
         image = self._remember(state, event.t_ns, reference=False)
         if increment.far:
             state.clones = state.clones.kept(slot, image)
         since, until = State.CLONE + slot, State.CLONE + image
         measurement = ekf.compass(increment.yaw, increment.variance, since, until, far=increment.far)
+        excluded = state.isolation.excludes(Sensor.COMPASS)
+        witnessed = state.gyro_since_ns is not None and state.gyro_since_ns <= event.sample.t_ref_ns
+        witnessed = witnessed and state.hears(Sensor.GYRO)
         rate = float(ekf.x[State.RATE])
         others = max(ekf.innovation_variance(measurement) - ekf.stray * rate**2, measurement.R)
-        verdict = self._judge(state, Sensor.COMPASS, measurement) if known else None
-        if known and state.vote.distrusted is None and not increment.far:
+        verdict = self._judge(state, Sensor.COMPASS, measurement) if known and not moved else None
+        if known and not state.isolation.exclusions and not increment.far and not moved:
             state.stray = state.stray.after(measurement.innovation, others, rate)
-        if not known or state.vote.distrusted is Sensor.COMPASS:
+        if verdict is None or excluded:
             ekf.anchor(since, measurement)
-        elif verdict is Verdict.RECOVERED:
-            # whoever erred, what comes from now on counts; should it be the gyro's bias or the delay, let them move
-            ekf.anchor(since, measurement)
-            ekf.widen(State.BIAS, self.config.initial_bias_sigma**2)
-            ekf.widen(State.CAMERA_DELAY, self.config.camera_delay_sigma**2)
+        if verdict is None or excluded or increment.far:
+            return
+        again = state.refusal is not None and state.refusal.is_repeated_by(increment, measurement.innovation)
+        if verdict is Verdict.RECOVERED or (verdict is Verdict.REJECTED and again and not witnessed):
+            self._recover(state, measurement, since, until, witnessed=witnessed)
+        else:
+            self._note_refusal(state, increment, measurement, verdict)
+
+    def _note_refusal(
+        self, state: FilterState, increment: YawIncrement, measurement: Measurement, verdict: Verdict
+    ) -> None:
+        """Remember what the gate refuses, until an increment over the same time says that it was wrong."""
+        refusal = state.refusal
+        if verdict is Verdict.REJECTED:
+            state.refusal = Refusal.of(increment, measurement.innovation, refusal)
+        elif refusal is not None:
+            if increment.t_ref_ns > refusal.t_ref_ns:
+                self._ekf.widen_frame(refusal.variance)
+            state.refusal = None
+
+    def _recover(
+        self, state: FilterState, measurement: Measurement, since: int, until: int, *, witnessed: bool
+    ) -> None:
+        """Let increments in again that were refused; `witnessed`: a gyro measured all of the turn.
+
+        A contradiction that grew is one of rates: the increments are followed, and what the gyro claims is in doubt.
+        One that came at once is a wrong match: the yaw stays, and may be wrong by it. Where no gyro saw the turn, only
+        tracks contradict, and those slip and get lifted: a match that repeats is followed.
+        """
+        ekf, config, refusal, off = self._ekf, self.config, state.refusal, measurement.innovation
+        state.refusal = None
+        if not witnessed or (refusal is not None and refusal.grew(off)):
+            x = ekf.x.copy()
+            x[State.YAW] += off
+            x[until] += off
+            ekf.x = x
+            measurement = replace(measurement, innovation=0.0)
+            if witnessed and refusal is not None:
+                self._doubt_gyro(state, refusal.t_ref_ns, -off)
+            else:
+                ekf.widen_frame(DOUBT[Sensor.TRACKS] * off**2)
+        else:
+            ekf.widen_frame(DOUBT[Sensor.COMPASS] * off**2)
+        ekf.anchor(since, measurement)
+        ekf.widen(State.BIAS, config.initial_bias_sigma**2)
+        ekf.widen(State.CAMERA_DELAY, config.camera_delay_sigma**2)
+
+    def _doubt_gyro(self, state: FilterState, since_ns: int, offset: float) -> None:
+        """Note that the gyro's bias may be as before all the same."""
+        doubt = state.isolation.doubt(Sensor.GYRO)
+        if doubt is None:
+            doubt = Doubt(Sensor.GYRO, since_ns, 0.0, bias=float(self._ekf.x[State.BIAS]))
+        state.isolation = state.isolation.doubting(replace(doubt, offset=doubt.offset + offset))
 
     @staticmethod
     def _levelled(increment: YawIncrement, clone: Clone | None) -> YawIncrement:
@@ -276,10 +347,9 @@ class YawFilter:
             return increment
         return replace(increment, yaw=float(wrap_angle(heading_change(clone.up, increment.turn, increment.tilt))))
 
-    def _take_vote(self, state: FilterState, increment: YawIncrement, slot: int | None) -> None:
-        """Count the votes; where the gyro lost, take back what was believed of it and let its bias move."""
-        ekf, windows = self._ekf, state.vote.windows
-        bias, sigma = float(ekf.x[State.BIAS]), float(ekf.P[State.BIAS, State.BIAS]) ** 0.5
+    def _take_turn(self, state: FilterState, increment: YawIncrement, slot: int | None) -> bool:
+        """Compare an increment with what the others say of the same turn; whether the yaw was moved for it."""
+        ekf = self._ekf
         until = self._exposure(state)
         clone = state.clones[slot] if slot is not None else None
         since = clone.exposure if clone else until
@@ -288,20 +358,94 @@ class YawFilter:
         # what it saw between the stamps, as the others did
         lag = until.turn - since.turn - since.rate * (until.delay - since.delay)
         witness = replace(increment, yaw=increment.yaw + lag, variance=increment.variance + stray)
-        scale, delay = float(ekf.x[State.SCALE]), float(ekf.x[State.CAMERA_DELAY])
-        state.vote = state.vote.with_increment(witness, bias, sigma, scale, delay)
-        if state.vote.windows > windows and not state.vote.agreed and state.vote.distrusted is Sensor.GYRO:
-            ekf.renew(State.BIAS, self.config.initial_bias_sigma**2, bias + state.vote.contradiction)
-            ekf.widen(State.RATE, self.config.initial_rate_sigma**2)
-            ekf.widen(State.YAW, state.vote.contradiction**2)
-            # nor is the yaw to be held at what it seemed to be meanwhile
-            state.stillness = replace(state.stillness, reference_ns=None)
+        state.turns = state.turns.with_increment(witness)
+        return state.turns.ends_at_image() and self._compare(state, witness)
+
+    def _compare(self, state: FilterState, increment: YawIncrement | None) -> bool:
+        """End a window: judge what the sensors say of it, and do what follows; whether the yaw was moved."""
+        ekf, turns, t_ns, moved = self._ekf, state.turns, state.t_ns or 0, False
+        start_ns = turns.start_ns if turns.start_ns is not None else t_ns
+        joined = increment is None or (turns.compass is not None and turns.compass.start_ns == start_ns)
+        if joined and 0 < t_ns - start_ns <= LONGEST_WINDOW_NS:
+            window, bias = self._window(state, start_ns), float(ekf.x[State.BIAS])
+            state.isolation, remedy = judge(state.isolation, window, bias)
+            moved = self._apply(state, remedy)
+            state.warnings = warnings_of(state.isolation)
+            if state.isolation.excludes(Sensor.COMPASS):
+                state.refusal = None
+        yaw, rate = float(ekf.x[State.YAW]), float(ekf.x[State.RATE])
+        state.turns = state.turns.anew(t_ns, yaw, rate, increment)
+        return moved
+
+    def _apply(self, state: FilterState, remedy: Remedy) -> bool:
+        """Do what has to be done after a window; whether the yaw was moved."""
+        ekf, config = self._ekf, self.config
+        if remedy.bias is not None:
+            ekf.renew(State.BIAS, min(remedy.bias_sigma, config.initial_bias_sigma) ** 2, remedy.bias)
+            ekf.widen(State.RATE, config.initial_rate_sigma**2)
+        if remedy.fold > 0.0:
+            ekf.widen_frame(remedy.fold)
+        if remedy.shift == 0.0:
+            return False
+        x = ekf.x.copy()
+        x[State.YAW] += remedy.shift
+        ekf.x = x
+        ekf.widen(State.YAW, remedy.shift_variance)
+        # nor is the yaw to be held at what it seemed to be meanwhile
+        state.stillness = replace(state.stillness, reference_ns=None)
+        state.refusal = None
+        return True
+
+    def _window(self, state: FilterState, start_ns: int) -> Window:
+        """What each sensor says of the window that ends now, with its calibration taken out."""
+        x, turns, t_ns = self._ekf.x, state.turns, state.t_ns or 0
+        compass = turns.compass
+        seen = Claim(compass.turn, math.sqrt(compass.turn_variance)) if compass and compass.t_ns == t_ns else None
+        repeats = turns.gyro is not None and turns.gyro.repeats >= max(turns.gyro.count, SAME_NUMBER)
+        return Window(
+            start_ns,
+            t_ns,
+            self._gyro_claim(turns, start_ns, t_ns),
+            self._tracks_claim(turns, start_ns, t_ns),
+            seen,
+            float(x[State.YAW]) - turns.start_yaw,
+            repeats,
+            state.track_voice.pose or state.track_voice.twist,
+            float(x[State.RATE]) - turns.start_rate,
+        )
+
+    def _gyro_claim(self, turns: Turns, start_ns: int, t_ns: int) -> Claim | None:
+        """By how much the robot turned as the gyro says."""
+        gyro, x, P, seconds = turns.gyro, self._ekf.x, self._ekf.P, (t_ns - start_ns) * 1e-9
+        if gyro is None or not gyro.spans(start_ns, t_ns):
+            return None
+        gain = 1.0 + float(x[State.GYRO_SCALE])
+        turn = (gyro.turn_until(t_ns) - float(x[State.BIAS]) * seconds) / gain
+        noise = self.config.gyro_sigma * seconds / math.sqrt(gyro.count)
+        lasting = math.sqrt(float(P[State.BIAS, State.BIAS])) * seconds
+        return Claim(turn, math.hypot(noise, lasting), math.sqrt(float(P[State.GYRO_SCALE, State.GYRO_SCALE])) / gain)
+
+    def _tracks_claim(self, turns: Turns, start_ns: int, t_ns: int) -> Claim | None:
+        """By how much the robot turned as the tracks say."""
+        tracks, x, P, config = turns.tracks, self._ekf.x, self._ekf.P, self.config
+        if tracks is None or not tracks.spans(start_ns, t_ns):
+            return None
+        seconds, claimed, scale = (t_ns - start_ns) * 1e-9, tracks.turn_until(t_ns), float(x[State.SCALE])
+        if abs(claimed) <= CREEP_RATE * seconds and tracks.distance <= CREEP * seconds:
+            return Claim(claimed / scale, CREEP_RATE * seconds)
+        noise = math.hypot(
+            config.track_noise * math.sqrt(seconds),
+            config.track_slip_turn * claimed,
+            (config.track_slip_speed + config.veer_sigma) * tracks.distance,
+            config.track_timing * (tracks.rate - tracks.start_rate),
+        )
+        return Claim(claimed / scale, noise / scale, math.sqrt(float(P[State.SCALE, State.SCALE])) / scale)
 
     def _judge(self, state: FilterState, sensor: Sensor, measurement: Measurement) -> Verdict:
         """Pass a measurement through its gate and fuse it if accepted."""
         S = self._ekf.innovation_variance(measurement)
         limit, recovery_ns = self._limit, self._recovery_ns[sensor]
-        if state.vote.distrusted is sensor:
+        if state.isolation.excludes(sensor):
             limit, recovery_ns = -1.0, FOREVER_NS
         gate = state.gates[sensor].judge(state.t_ns or 0, measurement.innovation, S, limit, recovery_ns)
         state.gates = {**state.gates, sensor: gate}
@@ -341,7 +485,9 @@ def estimate_of(state: FilterState) -> YawEstimate | None:
     return YawEstimate(
         t_ns=state.t_ns,
         yaw=float(x[State.YAW]),
-        yaw_variance=float(seen @ P @ seen),
+        yaw_variance=float(seen @ P @ seen)
+        + state.isolation.variance
+        + (state.refusal.variance if state.refusal else 0.0),
         yaw_rate=rate,
         yaw_rate_variance=float(P[State.RATE, State.RATE]) + (HIDDEN_RATE**2 if standing else 0.0),
         gyro_bias=float(x[State.BIAS]),
@@ -352,4 +498,5 @@ def estimate_of(state: FilterState) -> YawEstimate | None:
         camera_delay_variance=float(P[State.CAMERA_DELAY, State.CAMERA_DELAY]),
         standstill=standing,
         slip=state.gates[Sensor.TRACKS].rejecting_since_ns is not None,
+        warnings=state.warnings,
     )

@@ -1,0 +1,305 @@
+"""Fault detection and isolation: who is excluded, what is in doubt, and what evidence there is.
+
+Sample by sample the gyro is by far the most precise, so a filter would believe it against all others; and a compass
+that is steadily misled would in time be believed against a sound gyro. So over windows of half a second the sensors are
+compared as turns (`fusion.checks.turns`, judged in `fusion.checks.judge`):
+
+- Where two of three agree, the third is excluded. What the filter believed of it in that window is taken back.
+- Where only two speak, or the third is too vague to tell, nobody can know who is right. One is followed, the other
+  excluded, and what the other claims beyond it, summed up, is a *doubt*: it widens the published variance.
+- An excluded sensor is trusted again once it agrees where it would have been seen to err: in a window with at least
+  half the turning of the least one in which it contradicted. Driving straight tells nothing of a wrong sign.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
+
+from fusion.checks.turns import Claim, Window
+from fusion.events import Sensor
+
+GROSS = 0.02  # rad/s; smaller contradictions are for the filter's gates to settle
+CLEAR = 5.0  # standard deviations of a contradiction
+MOST_STRIKES = 6
+EVIDENCE = 20  # windows with a contradiction that are remembered, to name the fault
+# Probability that a sensor is right that is not followed although nobody could tell: a share of its claim beyond the
+# other, squared. Gyro and compass: the claim stays within two sigmas. The odometry, whose tracks slip: about three.
+DOUBT = {Sensor.GYRO: 0.25, Sensor.COMPASS: 0.25, Sensor.TRACKS: 0.1}
+AGREEING = 0.4  # of the way from one to the other; a third as near to one takes its side
+VAGUE = 0.4  # of the way, standard deviation: nor with less does it know where between the two it is
+BEST_FIRST = (Sensor.COMPASS, Sensor.GYRO, Sensor.TRACKS)
+
+
+def limit(one: Claim, other: Claim, seconds: float) -> float:
+    """By how much two claims may differ before they contradict, rad."""
+    return max(GROSS * seconds, CLEAR * math.hypot(one.sigma, other.sigma))
+
+
+def contradict(one: Claim | None, other: Claim | None, seconds: float) -> bool:
+    """Whether two sensors cannot both be right."""
+    return bool(one and other and abs(one.turn - other.turn) > limit(one, other, seconds))
+
+
+def _fits_anything(sensor: Sensor, turn_rate: float) -> bool:
+    """Whether a bias found at a turn rate (rad/s) may stand for a wrong scale as well."""
+    return sensor is Sensor.GYRO and abs(turn_rate) > GROSS
+
+
+@dataclass(frozen=True, slots=True)
+class Exclusion:
+    """A sensor that is not listened to.
+
+    Attributes
+    ----------
+    sensor : Sensor
+    since_ns : int
+        Beginning of the first window in which it contradicted.
+    least_turn, least_size : float
+        Least turn rate in which it contradicted, and by how much it did at least, rad/s: only in as much turning, and
+        against one who knows better than that, it can show that it is well.
+    windows : int
+        In how many it has contradicted.
+    agreed : int
+        In how many telling ones in a row it has agreed since.
+    fitted : float or None
+        Turn rate, rad/s, at which a gyro was given the bias with which it would agree. At that rate it agrees whatever
+        is wrong with it; at another one only if that is its bias. None while it has erred at rest only: that is bias.
+    """
+
+    sensor: Sensor
+    since_ns: int
+    least_turn: float
+    least_size: float
+    windows: int = 1
+    agreed: int = 0
+    fitted: float | None = None
+
+    def again(self, turn_rate: float, size: float) -> Exclusion:
+        """After one more window with a contradiction by `size`, while the others turned at a rate; both rad/s."""
+        least = min(self.least_turn, abs(turn_rate)), min(self.least_size, abs(size))
+        fitted = turn_rate if self.fitted is not None or _fits_anything(self.sensor, turn_rate) else None
+        return Exclusion(self.sensor, self.since_ns, *least, self.windows + 1, fitted=fitted)
+
+    def shows_well(self, claim: Claim, reference: Claim, seconds: float) -> bool:
+        """Whether it agrees with a reference in a window in which it would have been seen to err."""
+        telling = 0.5 * self.least_size * seconds  # nearer to none than to the least contradiction there was
+        sharp = max(abs(claim.turn - reference.turn), math.hypot(claim.sigma, reference.sigma)) < telling
+        if self.fitted is not None:
+            return sharp and abs(reference.turn - self.fitted * seconds) >= telling
+        return sharp and abs(reference.turn) >= 0.5 * self.least_turn * seconds
+
+
+@dataclass(frozen=True, slots=True)
+class Third:
+    """On whose side a third sensor is while two contradict: 0 the followed one's, 1 the doubted one's.
+
+    The weighted least-squares fit of its claims between those of the two, window by window.
+
+    Attributes
+    ----------
+    information : float
+        Sum of squared differences between the two over the third's variance, but for its scale factor.
+    moment : float
+        The same of the differences times what the third claims beyond the followed one.
+    scaled : float
+        The same of the differences times the third's turn: by so much its scale factor moves the moment.
+    scale : float
+        Standard deviation of the scale factor, as a fraction.
+    """
+
+    information: float = 0.0
+    moment: float = 0.0
+    scaled: float = 0.0
+    scale: float = 0.0
+
+    def plus(self, claim: Claim | None, followed: float, difference: float) -> Third:
+        """With a window in which the followed one turned by `followed`, and the doubted one by `difference` more."""
+        if claim is None:
+            return self
+        weighed = difference / claim.noise**2
+        return Third(
+            self.information + weighed * difference,
+            self.moment + weighed * (claim.turn - followed),
+            self.scaled + weighed * claim.turn,
+            max(self.scale, claim.scale),
+        )
+
+    def swapped(self) -> Third:
+        """With the other one followed."""
+        return replace(self, moment=self.information - self.moment, scaled=-self.scaled)
+
+    @property
+    def side(self) -> bool | None:
+        """Whether it takes the side of the doubted one; None where it is too vague, or on neither side."""
+        if self.information <= 0.0:
+            return None
+        at = self.moment / self.information
+        if math.hypot(self.information**-0.5, self.scale * self.scaled / self.information) > VAGUE:
+            return None
+        if abs(at - 1.0) < AGREEING:
+            return True
+        return False if abs(at) < AGREEING else None
+
+
+@dataclass(frozen=True, slots=True)
+class Doubt:
+    """What a sensor claims that is not followed, should it be right after all.
+
+    Attributes
+    ----------
+    sensor : Sensor
+    since_ns : int
+    offset : float
+        Its yaw less the filter's, rad.
+    bias : float
+        Bias with which its claims count if it is the gyro, rad/s.
+    third : Third
+        What a third sensor says.
+    """
+
+    sensor: Sensor
+    since_ns: int
+    offset: float
+    bias: float = 0.0
+    third: Third = field(default_factory=Third)
+
+    @property
+    def variance(self) -> float:
+        """What it adds to that of the yaw, rad^2."""
+        return DOUBT[self.sensor] * self.offset**2
+
+    @property
+    def against(self) -> Sensor:
+        """Who is followed instead of a gyro or a compass."""
+        return Sensor.GYRO if self.sensor is Sensor.COMPASS else Sensor.COMPASS
+
+    def turn(self, claim: Claim, seconds: float, bias: float) -> float:
+        """Its turn in a window, rad; a gyro's with the bias that it had before, and not with the present one."""
+        return claim.turn + ((bias - self.bias) * seconds if self.sensor is Sensor.GYRO else 0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Remedy:
+    """What the filter has to do after a window.
+
+    Attributes
+    ----------
+    shift, shift_variance : float
+        To add to the yaw, rad, and to its variance, rad^2.
+    bias, bias_sigma : float or None, float
+        What the gyro's bias seems to be, and its standard deviation, rad/s; None where nothing changes.
+    fold : float
+        Variance by which the frame of all yaws is known less, rad^2.
+    """
+
+    shift: float = 0.0
+    shift_variance: float = 0.0
+    bias: float | None = None
+    bias_sigma: float = math.inf
+    fold: float = 0.0
+
+    @staticmethod
+    def of(remedies: Iterable[Remedy]) -> Remedy:
+        """Several in one; of biases the last counts."""
+        total = Remedy()
+        for one in remedies:
+            bias = (total.bias, total.bias_sigma) if one.bias is None else (one.bias, one.bias_sigma)
+            total = Remedy(
+                total.shift + one.shift, total.shift_variance + one.shift_variance, *bias, total.fold + one.fold
+            )
+        return total
+
+
+@dataclass(frozen=True, slots=True)
+class Isolation:
+    """Who is excluded, and what is in doubt.
+
+    Attributes
+    ----------
+    exclusions : tuple of Exclusion
+    doubts : tuple of Doubt
+    evidence : tuple of Window
+        The last windows with a contradiction.
+    strikes : tuple of int
+        How often each sensor was excluded, in the order of `Sensor`; it takes ``2**(strikes - 1)`` telling windows of
+        agreement to be trusted again.
+    windows : int
+        How many were compared.
+    last : Window or None
+        The last of them: a fault may have begun in it without being seen.
+    """
+
+    exclusions: tuple[Exclusion, ...] = ()
+    doubts: tuple[Doubt, ...] = ()
+    evidence: tuple[Window, ...] = ()
+    strikes: tuple[int, ...] = (0,) * len(Sensor)
+    windows: int = 0
+    last: Window | None = None
+
+    def excludes(self, sensor: Sensor) -> bool:
+        """Whether a sensor is not listened to."""
+        return any(one.sensor is sensor for one in self.exclusions)
+
+    @property
+    def variance(self) -> float:
+        """What all doubts add to the variance of the yaw, rad^2."""
+        return sum(doubt.variance for doubt in self.doubts)
+
+    def doubt(self, sensor: Sensor) -> Doubt | None:
+        """What a sensor claims that may be right although it is not followed."""
+        return next((one for one in self.doubts if one.sensor is sensor), None)
+
+    def trusted(self, sensor: Sensor, window: Window) -> Claim | None:
+        """What a sensor says of a window; None where it is excluded, too."""
+        return None if self.excludes(sensor) else window.claim(sensor)
+
+    def reference(self, sensor: Sensor, window: Window) -> Claim | None:
+        """The best of what the others say of a window."""
+        claims = (self.trusted(other, window) for other in BEST_FIRST if other is not sensor)
+        return next((claim for claim in claims if claim), None)
+
+    def following(self, sensor: Sensor, window: Window) -> Remedy:
+        """Have the filter's yaw go on as a sensor says, in this window and in the last one."""
+        shift = variance = 0.0
+        for one in (self.last, window):
+            claim = one and one.claim(sensor)
+            if one and claim and (one is window or one.t_ns == window.start_ns):
+                shift, variance = shift + claim.turn - one.followed, variance + claim.sigma**2
+        return Remedy(shift, variance)
+
+    def needed(self, sensor: Sensor) -> int:
+        """In how many telling windows in a row an excluded sensor must agree to be trusted again."""
+        strikes = self.strikes[list(Sensor).index(sensor)]
+        return 1 << max(strikes - 1, 0)
+
+    def excluding(self, sensor: Sensor, window: Window, turn: float, size: float) -> Isolation:
+        """With a sensor excluded that in this window was off by `size` from the others' `turn`, rad."""
+        rate = turn / window.seconds
+        fitted = rate if _fits_anything(sensor, rate) else None
+        one = Exclusion(sensor, window.start_ns, abs(rate), abs(size) / window.seconds, fitted=fitted)
+        counts = zip(self.strikes, Sensor, strict=True)
+        strikes = tuple(min(count + (other is sensor), MOST_STRIKES) for count, other in counts)
+        return replace(self, exclusions=(*self.trusting(sensor).exclusions, one), strikes=strikes)
+
+    def trusting(self, sensor: Sensor) -> Isolation:
+        """With a sensor that is excluded no more."""
+        return replace(self, exclusions=tuple(one for one in self.exclusions if one.sensor is not sensor))
+
+    def with_exclusion(self, changed: Exclusion) -> Isolation:
+        """With what is known of an excluded sensor."""
+        kept = (changed if one.sensor is changed.sensor else one for one in self.exclusions)
+        return replace(self, exclusions=tuple(kept))
+
+    def doubting(self, doubt: Doubt) -> Isolation:
+        """With this doubt, instead of an earlier one of its sensor."""
+        return replace(self, doubts=(*self.sure_of(doubt.sensor).doubts, doubt))
+
+    def sure_of(self, sensor: Sensor) -> Isolation:
+        """With no doubt left about a sensor."""
+        return replace(self, doubts=tuple(one for one in self.doubts if one.sensor is not sensor))
+
+    def noting(self, window: Window) -> Isolation:
+        """With a window that shows a contradiction."""
+        return self if window in self.evidence else replace(self, evidence=(*self.evidence, window)[-EVIDENCE:])

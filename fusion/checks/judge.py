@@ -1,0 +1,195 @@
+"""The rules by which contradicting sensors are excluded, doubted and trusted again; see `fusion.checks.isolation`."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+from fusion.checks.isolation import Doubt, Exclusion, Isolation, Remedy, Third, contradict
+from fusion.checks.turns import Claim, Window
+from fusion.events import Sensor
+
+RADIANS = (45.0, 72.0)  # ratio of turns that only degrees taken for radians explain: 57.3 but for a quarter
+TURNED = 0.02  # rad in a window; a ratio to less says nothing
+STUCK = 0.2  # ratio of turns; less is no scale factor
+SLIPPED_ON = 3  # windows; tracks that slip for longer do not see the robot turn
+SUSTAINED = 1.5  # of the last window's contradiction that they must sum up to, not to be one wrong match
+
+Judged = tuple[Isolation, Remedy]
+
+
+def judge(iso: Isolation, window: Window, bias: float) -> Judged:
+    """Judge a window that is over.
+
+    Parameters
+    ----------
+    iso : Isolation
+        As it was before.
+    window : Window
+    bias : float
+        Gyro bias that is taken out of the window's claims, rad/s.
+
+    Returns
+    -------
+    (Isolation, Remedy)
+        As it is now, and what the filter has to do.
+    """
+    doubts = tuple(_with_window(doubt, window, bias) for doubt in iso.doubts)
+    iso, remedies = replace(iso, windows=iso.windows + 1, doubts=doubts), []
+    for rule in (_settle_doubts, _judge_excluded, _judge_trusted):
+        iso, remedy = rule(iso, window, bias)
+        remedies.append(remedy)
+    remedy = Remedy.of(remedies)
+    return replace(iso, last=None if remedy.shift else window), remedy
+
+
+def surely_gyro(window: Window, turn: float) -> bool:
+    """Whether the gyro errs whoever contradicts it by a `turn`: it repeats one number, or means degrees."""
+    if window.gyro_repeats:
+        return True
+    return bool(window.gyro and abs(turn) > TURNED and RADIANS[0] < abs(window.gyro.turn / turn) < RADIANS[1])
+
+
+def _with_window(doubt: Doubt, window: Window, bias: float) -> Doubt:
+    """A doubt with one more window. Tracks slip now and then: of theirs only what contradicts counts."""
+    claim = window.claim(doubt.sensor)
+    if doubt.sensor is Sensor.TRACKS or claim is None:
+        return doubt
+    turn, followed = doubt.turn(claim, window.seconds, bias), window.claim(doubt.against)
+    third = doubt.third.plus(window.tracks, followed.turn, turn - followed.turn) if followed else doubt.third
+    return replace(doubt, offset=doubt.offset + turn - window.followed, third=third)
+
+
+def _settle_doubts(iso: Isolation, window: Window, bias: float) -> Judged:
+    """End doubts that a third sensor decides, and those about a sensor that is as it was before."""
+    remedies = []
+    for doubt in iso.doubts:
+        side = doubt.third.side
+        if side is False:  # it erred: the one that is followed is right
+            iso = iso.sure_of(doubt.sensor)
+        elif side is True:
+            iso, remedy = _follow(iso, doubt, window)
+            remedies.append(remedy)
+        elif not iso.excludes(doubt.sensor) and _as_before(iso, doubt, window, bias):
+            iso = iso.sure_of(doubt.sensor)
+            remedies.append(Remedy(fold=doubt.variance))
+    return iso, Remedy.of(remedies)
+
+
+def _follow(iso: Isolation, doubt: Doubt, window: Window) -> Judged:
+    """Trust the doubted sensor from now on, and exclude the one that was followed instead of it."""
+    iso = iso.sure_of(doubt.sensor).trusting(doubt.sensor)
+    claim, wrong = window.claim(doubt.sensor), window.claim(doubt.against)
+    if claim and wrong:
+        iso = iso.excluding(doubt.against, window, claim.turn, wrong.turn - claim.turn)
+    restored = doubt.bias if doubt.sensor is Sensor.GYRO else None
+    return iso, Remedy(doubt.offset, claim.sigma**2 if claim else 0.0, restored)
+
+
+def _as_before(iso: Isolation, doubt: Doubt, window: Window, bias: float) -> bool:
+    """Whether the doubted sensor agrees with the others, calibrated as it was before the doubt."""
+    claim, reference = window.claim(doubt.sensor), iso.reference(doubt.sensor, window)
+    if claim is None or reference is None:
+        return False
+    if doubt.sensor is Sensor.TRACKS:
+        return abs(reference.turn) > TURNED and not contradict(claim, reference, window.seconds)
+    off = doubt.turn(claim, window.seconds, bias) - reference.turn
+    return abs(off) <= 3.0 * math.hypot(claim.sigma, reference.sigma)
+
+
+def _judge_excluded(iso: Isolation, window: Window, bias: float) -> Judged:
+    """Trust excluded sensors again that show they are well; give a gyro that does not another bias."""
+    remedies = []
+    for one in iso.exclusions:
+        claim, reference = window.claim(one.sensor), iso.reference(one.sensor, window)
+        if claim is None or reference is None:
+            continue
+        if contradict(claim, reference, window.seconds):
+            iso, remedy = _errs_still(iso.noting(window), one, claim, reference, window, bias)
+            remedies.append(remedy)
+        elif one.shows_well(claim, reference, window.seconds):
+            iso = iso.with_exclusion(replace(one, agreed=one.agreed + 1))
+            if one.agreed + 1 >= iso.needed(one.sensor):
+                iso, remedy = _trust_again(iso, one.sensor)
+                remedies.append(remedy)
+    return iso, Remedy.of(remedies)
+
+
+def _errs_still(iso: Isolation, one: Exclusion, claim: Claim, reference: Claim, window: Window, bias: float) -> Judged:
+    """An excluded sensor contradicts in one more window."""
+    off, seconds = claim.turn - reference.turn, window.seconds
+    iso = iso.with_exclusion(one.again(reference.turn / seconds, off / seconds))
+    if one.sensor is Sensor.GYRO:
+        return iso, _rebias(claim, reference, window, bias)
+    doubt = iso.doubt(one.sensor)
+    if one.sensor is Sensor.COMPASS and doubt and window.gyro and abs(doubt.offset) > SUSTAINED * abs(off):
+        # no single wrong match: a gyro's bias steps more often than a camera is misled for so long
+        iso, remedy = _follow(iso, doubt, window)
+        iso = iso.doubting(Doubt(Sensor.GYRO, doubt.since_ns, -doubt.offset, bias, doubt.third.swapped()))
+        return iso, Remedy.of((remedy, _rebias(window.gyro, claim, window, bias)))
+    return iso, Remedy()
+
+
+def _rebias(gyro: Claim, reference: Claim, window: Window, bias: float) -> Remedy:
+    """The bias that the gyro would have, were that all that is wrong with it."""
+    sigma = math.hypot(gyro.noise, reference.sigma) / window.seconds
+    return Remedy(bias=bias + (gyro.turn - reference.turn) / window.seconds, bias_sigma=sigma)
+
+
+def _trust_again(iso: Isolation, sensor: Sensor) -> Judged:
+    """End an exclusion. A gyro's bias may be another now: its doubt goes on until somebody can tell."""
+    doubt = iso.doubt(sensor)
+    iso = iso.trusting(sensor)
+    if doubt is None or sensor is Sensor.GYRO:
+        return iso, Remedy()
+    return iso.sure_of(sensor), Remedy(fold=doubt.variance)
+
+
+def _judge_trusted(iso: Isolation, window: Window, bias: float) -> Judged:
+    """Find new contradictions."""
+    gyro, tracks, compass = (iso.trusted(sensor, window) for sensor in (Sensor.GYRO, Sensor.TRACKS, Sensor.COMPASS))
+    if gyro and compass and contradict(gyro, compass, window.seconds):
+        return _gyro_against_compass(iso.noting(window), gyro, compass, window, bias)
+    leader = compass or gyro
+    if leader and tracks and contradict(leader, tracks, window.seconds):
+        return _tracks_against(iso.noting(window), leader, tracks, window, bias)
+    return iso, Remedy()
+
+
+def _gyro_against_compass(iso: Isolation, gyro: Claim, compass: Claim, window: Window, bias: float) -> Judged:
+    """Exclude one of the two: whom the tracks contradict, else the compass, but in doubt."""
+    off = gyro.turn - compass.turn
+    third = Third().plus(window.tracks, gyro.turn, -off)
+    side = third.side
+    if side is True or (side is None and surely_gyro(window, compass.turn)):
+        iso = iso.excluding(Sensor.GYRO, window, compass.turn, off)
+        return iso, Remedy.of((iso.following(Sensor.COMPASS, window), _rebias(gyro, compass, window, bias)))
+    iso = iso.excluding(Sensor.COMPASS, window, gyro.turn, off)
+    if side is None:
+        iso = iso.doubting(Doubt(Sensor.COMPASS, window.start_ns, -off, third=third))
+    return iso, iso.following(Sensor.GYRO, window)
+
+
+def _against_the_turn(iso: Isolation) -> bool:
+    """Whether the tracks have claimed next to nothing, or the opposite, of several turns."""
+    turns = [(other.turn, window.tracks.turn) for window in iso.evidence if (other := window.compass) and window.tracks]
+    turns = [(x, y) for x, y in turns if abs(x) > TURNED]
+    return len(turns) >= SLIPPED_ON and sum(x * y for x, y in turns) < STUCK * sum(x * x for x, _ in turns)
+
+
+def _tracks_against(iso: Isolation, leader: Claim, tracks: Claim, window: Window, bias: float) -> Judged:
+    """The tracks slip, or err for good, or the only other sensor errs.
+
+    Slip that two others see is for the filter's gate. Tracks that turn the other way, or not at all, are excluded.
+    """
+    gyro, compass = iso.trusted(Sensor.GYRO, window), iso.trusted(Sensor.COMPASS, window)
+    off = tracks.turn - leader.turn
+    if not window.tracks_spoke or (gyro and compass):
+        broken = not window.tracks_spoke or _against_the_turn(iso)
+        return (iso.excluding(Sensor.TRACKS, window, leader.turn, off) if broken else iso), Remedy()
+    if gyro and surely_gyro(window, tracks.turn):
+        iso = iso.excluding(Sensor.GYRO, window, tracks.turn, -off)
+        return iso, Remedy.of((iso.following(Sensor.TRACKS, window), _rebias(gyro, tracks, window, bias)))
+    doubt = iso.doubt(Sensor.TRACKS) or Doubt(Sensor.TRACKS, window.start_ns, 0.0)
+    remedy = iso.following(Sensor.COMPASS, window) if compass else Remedy()
+    return iso.doubting(replace(doubt, offset=doubt.offset + off)), remedy

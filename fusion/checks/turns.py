@@ -1,0 +1,202 @@
+"""What each sensor says of the same turn, window by window.
+
+A window ends at an image half a second or more after it began; without images, at a sample of the track odometry. All
+turns are changes of heading in rad, to the left, and hold from the stamp of the window's beginning to that of its end.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+from compass import YawIncrement
+from fusion.events import Sensor
+from fusion.samples import GyroSample, OdometrySample
+from fusion.standstill import CompassTurn
+
+WINDOW_NS = 500_000_000
+LONGEST_WINDOW_NS = 5_000_000_000  # a sensor's integral over longer says more of its noise than of the turn
+COMPASS_SILENT_NS = 1_000_000_000  # then the odometry ends the windows
+LONGEST_GAP = 0.4  # of a window, in which an integrated sensor may have been silent and still be a witness
+SAME_NUMBER = 10  # samples in a row, to the last bit: no gyro that works does that
+
+
+@dataclass(frozen=True, slots=True)
+class RateTurn:
+    """Integral (rad) of a turn rate since `start_ns`, as the sensor gives it.
+
+    Attributes
+    ----------
+    start_ns, t_ns : int
+        Of the integral and of the newest sample, ns.
+    start_rate, rate : float
+        At these, rad/s.
+    turn : float
+        By the trapezoidal rule up to `t_ns`, rad.
+    distance : float
+        Driven meanwhile as the odometry claims, m.
+    gap_ns : int
+        Longest time between two samples.
+    count, repeats : int
+        How many samples; how many at the end were the same number to the last bit.
+    """
+
+    start_ns: int
+    t_ns: int
+    start_rate: float
+    rate: float
+    turn: float = 0.0
+    distance: float = 0.0
+    gap_ns: int = 0
+    count: int = 0
+    repeats: int = 0
+
+    def add(self, t_ns: int, rate: float, speed: float = 0.0) -> RateTurn:
+        """With one more sample (rad/s, m/s)."""
+        dt_ns = t_ns - self.t_ns
+        return RateTurn(
+            self.start_ns,
+            t_ns,
+            self.start_rate,
+            rate,
+            self.turn + 0.5 * (self.rate + rate) * dt_ns * 1e-9,
+            self.distance + abs(speed) * dt_ns * 1e-9,
+            max(self.gap_ns, dt_ns),
+            self.count + 1,
+            self.repeats + 1 if rate == self.rate else 0,
+        )
+
+    def anew(self, t_ns: int) -> RateTurn:
+        """From `t_ns` on; the last rate is held until then."""
+        return RateTurn(t_ns, t_ns, self.rate, self.rate, repeats=self.repeats)
+
+    def turn_until(self, t_ns: int) -> float:
+        """Turn up to a time after the newest sample, whose rate is held."""
+        return self.turn + self.rate * (t_ns - self.t_ns) * 1e-9
+
+    def spans(self, start_ns: int, t_ns: int) -> bool:
+        """Whether there were samples all the way from the beginning of a window to its end."""
+        longest_ns = LONGEST_GAP * (t_ns - start_ns)
+        return self.start_ns <= start_ns and self.count > 0 and max(self.gap_ns, t_ns - self.t_ns) <= longest_ns
+
+
+@dataclass(frozen=True, slots=True)
+class Turns:
+    """The present window as far as it has come.
+
+    Attributes
+    ----------
+    start_ns : int or None
+        When it began; None before the first sample.
+    start_yaw, start_rate : float
+        What the filter had for yaw and turn rate then, rad and rad/s.
+    gyro, tracks : RateTurn or None
+    compass : CompassTurn or None
+        None before the first increment, or while nothing joins the last one.
+    compass_ns : int or None
+        When the compass last spoke.
+    """
+
+    start_ns: int | None = None
+    start_yaw: float = 0.0
+    start_rate: float = 0.0
+    gyro: RateTurn | None = None
+    tracks: RateTurn | None = None
+    compass: CompassTurn | None = None
+    compass_ns: int | None = None
+
+    def with_gyro(self, sample: GyroSample) -> Turns:
+        """After a gyro sample."""
+        t_ns, rate = sample.t_ns, sample.yaw_rate
+        return replace(self, gyro=self.gyro.add(t_ns, rate) if self.gyro else RateTurn(t_ns, t_ns, rate, rate))
+
+    def with_tracks(self, sample: OdometrySample) -> Turns:
+        """After an odometry sample."""
+        t_ns, rate = sample.t_ns, sample.yaw_rate
+        tracks = self.tracks.add(t_ns, rate, sample.speed) if self.tracks else RateTurn(t_ns, t_ns, rate, rate)
+        return replace(self, tracks=tracks)
+
+    def with_increment(self, increment: YawIncrement) -> Turns:
+        """After a yaw increment between stamps."""
+        compass = self.compass.add(increment) if self.compass else CompassTurn.begin(increment)
+        return replace(self, compass=compass, compass_ns=increment.t_ns)
+
+    def anew(self, t_ns: int, yaw: float, rate: float, increment: YawIncrement | None) -> Turns:
+        """The next window, which begins at the stamp `t_ns`; `increment`: that of the image it begins at, if any."""
+        gyro, tracks = (turn.anew(t_ns) if turn else None for turn in (self.gyro, self.tracks))
+        compass = CompassTurn.begin(increment) if increment else None
+        return Turns(t_ns, yaw, rate, gyro, tracks, compass, self.compass_ns)
+
+    def ends_at_image(self) -> bool:
+        """Whether the newest increment ends the window, or begins one because nothing joins it to the last."""
+        compass = self.compass
+        return compass is not None and not 0 < compass.t_ns - compass.start_ns < WINDOW_NS
+
+    def ends_at_odometry(self, t_ns: int) -> bool:
+        """Whether an odometry sample of this stamp ends the window, as no image does."""
+        if self.start_ns is None:
+            return True
+        silent = self.compass_ns is None or t_ns - self.compass_ns > COMPASS_SILENT_NS
+        return silent and t_ns - self.start_ns >= WINDOW_NS
+
+
+@dataclass(frozen=True, slots=True)
+class Claim:
+    """What one sensor says of a window, its calibration taken out.
+
+    Attributes
+    ----------
+    turn, noise : float
+        Turn and its standard deviation, rad, but for the error of a scale factor.
+    scale : float
+        Standard deviation of its scale factor, as a fraction.
+    """
+
+    turn: float
+    noise: float
+    scale: float = 0.0
+
+    @property
+    def sigma(self) -> float:
+        """Standard deviation of the turn, rad."""
+        return math.hypot(self.noise, self.scale * self.turn)
+
+
+@dataclass(frozen=True, slots=True)
+class Window:
+    """A window that is over.
+
+    Attributes
+    ----------
+    start_ns, t_ns : int
+        Its stamps.
+    gyro, tracks, compass : Claim or None
+        None where the sensor did not measure all of it.
+    followed : float
+        By how much the filter's yaw went on, rad.
+    gyro_repeats : bool
+        Whether the gyro gave one and the same number, to the last bit, all the time.
+    tracks_spoke : bool
+        Whether the odometry has ever said anything but zero.
+    rate_change : float
+        Of the turn rate between its ends, rad/s, as the filter has it.
+    """
+
+    start_ns: int
+    t_ns: int
+    gyro: Claim | None
+    tracks: Claim | None
+    compass: Claim | None
+    followed: float
+    gyro_repeats: bool = False
+    tracks_spoke: bool = True
+    rate_change: float = 0.0
+
+    @property
+    def seconds(self) -> float:
+        """Its length, s."""
+        return (self.t_ns - self.start_ns) * 1e-9
+
+    def claim(self, sensor: Sensor) -> Claim | None:
+        """What a sensor says of it."""
+        return {Sensor.GYRO: self.gyro, Sensor.TRACKS: self.tracks, Sensor.COMPASS: self.compass}[sensor]
