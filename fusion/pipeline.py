@@ -145,9 +145,10 @@ class YawFusion:
         log.debug("refused %s: %r", reason, sample)
         return False
 
-    def estimate(self) -> YawEstimate | None:
-        """The estimate after the newest sample; None before the first."""
-        return estimate_of(self._timeline.state)
+    def estimate(self, t_ns: int | None = None) -> YawEstimate | None:
+        """The estimate after the newest sample, predicted to `t_ns`, ns, where that is later; None before the first."""
+        state = self._timeline.state
+        return estimate_of(state if t_ns is None else self._filter.predicted(state, t_ns))
 
     @property
     def state(self) -> FilterState:
@@ -199,9 +200,9 @@ class YawPipeline:
             self.leans.add(sample)
         return self.fusion.add(sample)
 
-    def estimate(self) -> YawEstimate | None:
-        """The fused estimate after the newest sample; None before the first."""
-        return self.fusion.estimate()
+    def estimate(self, t_ns: int | None = None) -> YawEstimate | None:
+        """The fused estimate after the newest sample, predicted to `t_ns`, ns, if later; None before the first."""
+        return self.fusion.estimate(t_ns)
 
     def warnings(self) -> list[Warning]:
         """What is wrong at present with sensors, clocks and images, most serious first."""
