@@ -11,6 +11,7 @@ from typing import Any
 import numpy.typing as npt
 
 from compass import CompassConfig, YawIncrement
+from fusion.checks.refusals import RefusalWatch
 from fusion.checks.warnings import Warning, WarningLog, most_serious_first
 from fusion.config import FusionConfig
 from fusion.events import (
@@ -179,6 +180,7 @@ class YawPipeline:
         self.leans = LeanLog()
         self.warning_sources: list[Callable[[], Iterable[Warning]]] = []
         self._log = WarningLog()
+        self._refusals = RefusalWatch()
         self.fusion = YawFusion(fusion_config)
         # the delay as given: what is learnt beyond it would depend on who came late
         known_ns = round(1e9 * self.fusion.config.camera_delay)
@@ -210,6 +212,7 @@ class YawPipeline:
         found = list(estimate.warnings if estimate else ())
         for source in self.warning_sources:
             found += source()
+        found += self._refusals.warnings(self.fusion.reports(), found)
         return most_serious_first(found)
 
     @property
@@ -222,5 +225,6 @@ class YawPipeline:
         """Start compass and fusion anew."""
         self.leans.clear()
         self._log.clear()
+        self._refusals.clear()
         self.compass.reset()
         self.fusion.reset()
