@@ -36,7 +36,7 @@ class RefusalWatch:
 
     def warnings(self, reports: Mapping[Sensor, SensorReport | None], others: Iterable[Warning]) -> list[Warning]:
         """Sensors that are refused at present, given the newest reports; not those that `others` name already."""
-        known = {name for warning in others for name in warning.sensor.split("+")}
+        known = {name for warning in others for name in warning.sensors}
         now_ns = max((report.t_ns for report in reports.values() if report), default=0)
         found = []
         for sensor, report in reports.items():
