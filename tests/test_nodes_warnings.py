@@ -7,8 +7,9 @@ import math
 
 import pytest
 
-rclpy = pytest.importorskip("rclpy", reason="rclpy is not installed: pip install '.[ros]'")
+pytest.importorskip("rclpy", reason="rclpy is not installed: pip install '.[ros]'")
 
+import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from nav_msgs.msg import Odometry
 from ros_harness import (
