@@ -17,6 +17,7 @@ from fusion.offline import run as run_module
 from fusion.offline.bag import Bag
 from fusion.offline.bands import LANES, shade_warnings
 from fusion.offline.cli import main
+from fusion.offline.evaluate import all_tracks
 from fusion.offline.history import Warned, WarningHistory
 from fusion.offline.recording import Frame, GyroTrack, OdometryTrack
 from fusion.offline.run import LONGEST_PREDICTION_NS, fuse_recording
@@ -242,6 +243,12 @@ def test_evaluate_tells_warnings_of_a_bag(wrong, tiny_bag, capsys, tmp_path):
     assert main(["evaluate", str(tiny_bag), "--json", str(tmp_path / "all.json")]) == 0
     assert "warning: says 0.1 [gyro_stuck, gyro]" in capsys.readouterr().out
     assert json.loads((tmp_path / "all.json").read_text())["warnings"][str(tiny_bag)][0]["code"] == "gyro_stuck"
+
+
+def test_evaluate_hands_on_what_the_recording_says():
+    known = [warning("samples_lost", "compass")]
+    tracks = all_tracks(recording(steady_gyro(1.0), warnings=known), Settings())
+    assert [one.warning for one in tracks.run.warnings] == known
 
 
 # ---------------------------------------------------------------- plot

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from multiprocessing import get_context
@@ -16,6 +16,7 @@ import numpy as np
 from compass import VisualCompass, YawIncrement, wrap_angle
 from compass.attitude import Vector
 from compass.config import METHODS
+from fusion import Warning
 from fusion.offline.bag import Bag, BagError
 from fusion.offline.console import progress_bar
 from fusion.offline.gps import Drift, drift, read_course
@@ -90,10 +91,13 @@ class _Watched:
         self._recording = recording
         self._compasses = compasses
         self.gyro, self.odometry, self.truth = recording.gyro, recording.odometry, recording.truth
-        self.warnings = getattr(recording, "warnings", ())
         self.yaws: dict[str, list[tuple[int, float]]] = {name: [] for name in compasses}
         self.increments: dict[str, list[YawIncrement]] = {name: [] for name in compasses}
         self.frame_count = recording.frame_count
+
+    @property
+    def warnings(self) -> Iterable[Warning]:
+        return getattr(self._recording, "warnings", ())
 
     def frames(self) -> Iterator[Frame]:
         for frame in self._recording.frames():
