@@ -159,6 +159,26 @@ class YawFilter:
         state.x, state.P = ekf.x, ekf.P
         return state
 
+    def predicted(self, state: FilterState, t_ns: int) -> FilterState:
+        """State at `t_ns`, ns, given that nothing was measured since; `state` itself where that is no later.
+
+        A robot that stood is taken to stand on for `SILENT_NS`: after that nobody would have seen it start.
+        """
+        if state.t_ns is None or t_ns <= state.t_ns:
+            return state
+        moved, ekf = copy.copy(state), self._ekf
+        if t_ns - state.t_ns > SILENT_NS:
+            moved.stillness = replace(state.stillness, standing=False)
+        ekf.tape = None
+        ekf.x, ekf.P = state.x, state.P
+        ekf.track_speed, ekf.track_stray = state.track_speed, state.track_stray
+        ekf.stray = state.stray.variance
+        heard_ns = state.gates[Sensor.GYRO].accepted_ns
+        watched = heard_ns is not None and t_ns - heard_ns <= WATCHED_NS
+        ekf.predict_for((t_ns - state.t_ns) * 1e-9, still=moved.stillness.standing, watched=watched)
+        moved.t_ns, moved.x, moved.P = t_ns, ekf.x, ekf.P
+        return moved
+
     def _watch(self, state: FilterState, event: FusionEvent) -> None:
         """Note what an event says of standing; at the first sign of motion the turn rate is open again.
 

@@ -11,6 +11,7 @@ from typing import Any
 import numpy.typing as npt
 
 from compass import CompassConfig, YawIncrement
+from fusion.checks.refusals import RefusalWatch
 from fusion.checks.warnings import Warning, WarningLog, most_serious_first
 from fusion.config import FusionConfig
 from fusion.events import (
@@ -145,9 +146,10 @@ class YawFusion:
         log.debug("refused %s: %r", reason, sample)
         return False
 
-    def estimate(self) -> YawEstimate | None:
-        """The estimate after the newest sample; None before the first."""
-        return estimate_of(self._timeline.state)
+    def estimate(self, t_ns: int | None = None) -> YawEstimate | None:
+        """The estimate after the newest sample, predicted to `t_ns`, ns, where that is later; None before the first."""
+        state = self._timeline.state
+        return estimate_of(state if t_ns is None else self._filter.predicted(state, t_ns))
 
     @property
     def state(self) -> FilterState:
@@ -178,6 +180,7 @@ class YawPipeline:
         self.leans = LeanLog()
         self.warning_sources: list[Callable[[], Iterable[Warning]]] = []
         self._log = WarningLog()
+        self._refusals = RefusalWatch()
         self.fusion = YawFusion(fusion_config)
         # the delay as given: what is learnt beyond it would depend on who came late
         known_ns = round(1e9 * self.fusion.config.camera_delay)
@@ -199,9 +202,9 @@ class YawPipeline:
             self.leans.add(sample)
         return self.fusion.add(sample)
 
-    def estimate(self) -> YawEstimate | None:
-        """The fused estimate after the newest sample; None before the first."""
-        return self.fusion.estimate()
+    def estimate(self, t_ns: int | None = None) -> YawEstimate | None:
+        """The fused estimate after the newest sample, predicted to `t_ns`, ns, if later; None before the first."""
+        return self.fusion.estimate(t_ns)
 
     def warnings(self) -> list[Warning]:
         """What is wrong at present with sensors, clocks and images, most serious first."""
@@ -209,6 +212,7 @@ class YawPipeline:
         found = list(estimate.warnings if estimate else ())
         for source in self.warning_sources:
             found += source()
+        found += self._refusals.warnings(self.fusion.reports(), found)
         return most_serious_first(found)
 
     @property
@@ -221,5 +225,6 @@ class YawPipeline:
         """Start compass and fusion anew."""
         self.leans.clear()
         self._log.clear()
+        self._refusals.clear()
         self.compass.reset()
         self.fusion.reset()

@@ -3,33 +3,48 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 from rclpy.node import Node
 from std_srvs.srv import Empty
 
 from compass import VisualCompass
+from fusion import Warning
+from fusion.checks.warnings import most_serious_first
 from nodes.compass_stream import CompassStream
-from nodes.complaints import Complaints
-from nodes.diagnostics import Diagnostics
+from nodes.complaints import Complaints, WarningVoice
+from nodes.diagnostics import Diagnostics, Finding, warned
 from nodes.parameters import NodeParameters
 from nodes.runtime import on_jump_back, run
 
 
 class CompassNode(Node):
-    """Publishes the raw compass as ``nav_msgs/Odometry``."""
+    """Publishes the raw compass as ``nav_msgs/Odometry``.
+
+    Attributes
+    ----------
+    warning_sources : list of callable
+        What says what is wrong with the images at present, as in `YawPipeline`.
+    """
 
     def __init__(self) -> None:
         super().__init__("compass_node", automatically_declare_parameters_from_overrides=True)
         parameters = NodeParameters(self, ("topics", "compass"))
         settings = parameters.settings
         complaints = Complaints(self.get_logger().warning)
+        self.warning_sources: list[Callable[[], Iterable[Warning]]] = []
+        self._tell = WarningVoice(self.get_logger().warning)
         self._stream = CompassStream(self, settings, VisualCompass(settings.compass), complaints)
         parameters.on_change(self._stream.apply)
         self.create_service(Empty, "~/reset", self._on_reset)
         self._jumps = on_jump_back(self, self._stream.reset)
         self.get_logger().info(f"compass {self._stream.topic} -> {settings.topics.compass_output_topic}")
-        self._diagnostics = Diagnostics(self, {"images": self._stream.finding})
+        self._diagnostics = Diagnostics(self, {"images": self._finding})
+
+    def _finding(self) -> Finding:
+        warnings = most_serious_first(warning for source in self.warning_sources for warning in source())
+        self._tell(warnings)
+        return warned(self._stream.finding(), warnings)
 
     def _on_reset(self, _: Empty.Request, response: Empty.Response) -> Empty.Response:
         self._stream.reset()

@@ -48,7 +48,7 @@ class CompassStream:
     complain : Complaints
         Told of every image that cannot be used.
     use : callable, optional
-        Takes every increment, in the image thread, or that which looks back.
+        Takes every increment, in the image thread, or that which looks back; tells `health` whether it was used.
     """
 
     def __init__(
@@ -148,7 +148,8 @@ class CompassStream:
         elif compass.status is not CompassStatus.FIRST_FRAME:
             self._complain(self.topic, compass.status.value)
             return
-        self.health.use(time.monotonic(), t_ns)
+        if increment is None or self._use is None:
+            self.health.use(time.monotonic(), t_ns)
 
     def _look(self, look: Look) -> None:
         far = look()

@@ -7,12 +7,14 @@ import threading
 import time
 import traceback
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import TypeVar
 
 from rclpy.node import Node
 
 from compass.errors import VisualCompassError
+from fusion import Warning
+from fusion.checks.warnings import WarningLog
 
 Message = TypeVar("Message")
 
@@ -68,6 +70,23 @@ class Complaints:
                 for kind, count in self.counts.items()
                 if kind.startswith(f"{where}: ")
             }
+
+
+class WarningVoice:
+    """Says each warning once, when it first comes up."""
+
+    def __init__(self, say: Callable[[str], object]) -> None:
+        self._say = say
+        self._log = WarningLog()
+
+    def __call__(self, warnings: Iterable[Warning]) -> None:
+        """Say those that are new."""
+        for warning in self._log.note(warnings):
+            self._say(f"{' '.join(warning.text.split())} [{warning.code}, {warning.sensor}]")
+
+    def clear(self) -> None:
+        """Forget what was said."""
+        self._log.clear()
 
 
 def surviving(

@@ -5,14 +5,14 @@ from __future__ import annotations
 import math
 import time
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
 from compass import VisualCompass
-from fusion import Sensor, SensorReport, YawEstimate
+from fusion import Sensor, SensorReport, Warning, YawEstimate
 from fusion.filter import FilterState
 from fusion.lean import lean_angle
 from nodes.complaints import Complaints, surviving
@@ -96,6 +96,24 @@ def stream_finding(node: Node, health: StreamHealth, timeout: float, topic: str,
     if health.stamp_ns is not None:
         figures["age [s]"] = f"{(node.get_clock().now().nanoseconds - health.stamp_ns) * 1e-9:.3f}"
     return level, text, figures
+
+
+def warned(finding: Finding, warnings: Iterable[Warning], sensor: Sensor | None = None) -> Finding:
+    """A finding, with what is wrong (most serious first) with its sensor; with all that is wrong where it is of none.
+
+    The most serious goes into the message, unless the sensor is lost altogether: then it stands behind that.
+    """
+    level, text, figures = finding
+    found = [warning for warning in warnings if sensor is None or sensor.value in warning.sensors]
+    if not found:
+        return finding
+    figures |= {"warnings": ", ".join(dict.fromkeys(warning.code for warning in found))}
+    figures |= {f"warning: {warning.code}, {warning.sensor}": warning.text for warning in found}
+    if level in _GONE:
+        return level, f"{text}; {found[0].text}", figures
+    if level is Level.WARN:
+        figures["also"] = text
+    return Level.WARN, found[0].text, figures
 
 
 def why_silent(node: Node, topic: str, kind: type) -> str:

@@ -13,13 +13,14 @@ from rclpy.node import Node
 from sensor_msgs.msg import Imu
 from std_srvs.srv import Empty
 
+from compass import YawIncrement
 from fusion import Sensor, Verdict, YawPipeline
 from fusion.events import fault_of, sensor_of
 from fusion.messages import gyro_sample, odometry_sample
 from fusion.settings import Settings
 from fusion.vertical import ImuLevel
 from nodes.compass_stream import CompassStream
-from nodes.complaints import Complaints, surviving
+from nodes.complaints import Complaints, WarningVoice, surviving
 from nodes.conversions import fused_odometry, pose_yaw
 from nodes.diagnostics import (
     Diagnostics,
@@ -29,6 +30,7 @@ from nodes.diagnostics import (
     gate_figures,
     state_figures,
     stream_finding,
+    warned,
 )
 from nodes.health import StreamHealth
 from nodes.inbox import Inbox, Sample
@@ -50,8 +52,10 @@ class FusionNode(Node):
         self._settings = settings
         self._topics = {Sensor.GYRO: topics.gyro_topic, Sensor.TRACKS: topics.odometry_topic}
         self._complaints = Complaints(self.get_logger().warning)
+        self._tell = WarningVoice(self.get_logger().warning)
         self._pipeline = YawPipeline(settings.compass, settings.fusion)
         self._level = ImuLevel(settings.imu)
+        self._pipeline.warning_sources.append(getattr(self._level, "warnings", tuple))
         self._inbox = Inbox(self, surviving(self, "fusion", self._complaints, self._fuse))
         self._health = {sensor: StreamHealth() for sensor in Sensor}
         self._published_ns = -1
@@ -95,9 +99,16 @@ class FusionNode(Node):
             if not self._pipeline.add(sample):
                 why = fault_of(sample) or "late beyond lag_window, far ahead of all others, or known already"
                 self._complaints(self._topics[sensor], f"refused: {why}")
-            elif self._accepted(sensor) and sensor is not Sensor.COMPASS:
-                self._health[sensor].use(time.monotonic(), sample.t_ns)
+            elif not (isinstance(sample, YawIncrement) and sample.far):  # that is the second of its image
+                self._count(sensor, sample.t_ns)
         self._publish()
+
+    def _count(self, sensor: Sensor, t_ns: int) -> None:
+        """Note whether the filter used a sample that it took in."""
+        if self._accepted(sensor):
+            self._health[sensor].use(time.monotonic(), t_ns)
+        else:
+            self._health[sensor].refuse(time.monotonic())
 
     def _accepted(self, sensor: Sensor) -> bool:
         report = self._pipeline.fusion.reports()[sensor]
@@ -110,6 +121,7 @@ class FusionNode(Node):
         pause_ns = 1e9 / topics.fused_rate if topics.fused_rate > 0.0 else 1.0
         if estimate is None or 0 <= estimate.t_ns - self._published_ns < pause_ns:
             return
+        self._tell(estimate.warnings)
         self._published_ns = estimate.t_ns
         message = fused_odometry(estimate, (topics.odom_frame, topics.base_frame))
         self._publisher.publish(message)
@@ -127,6 +139,7 @@ class FusionNode(Node):
         self._pipeline.leans.clear()
         self._pipeline.fusion.reset()
         self._level.reset()
+        self._tell.clear()
 
     def _on_reset(self, _: Empty.Request, response: Empty.Response) -> Empty.Response:
         self._reset()
@@ -136,6 +149,12 @@ class FusionNode(Node):
         yaw, variance = pose_yaw(message)
         self._pipeline.fusion.set_yaw(yaw, variance)
 
+    def _warned(self, finding: Finding, sensor: Sensor | None = None) -> Finding:
+        """A finding with the warnings that go with it; what is new is logged."""
+        warnings = self._pipeline.warnings()
+        self._tell(warnings)
+        return warned(finding, warnings, sensor)
+
     def _sensor_finding(self, sensor: Sensor) -> Finding:
         timeout = self._settings.topics.sensor_timeout
         level, text, figures = stream_finding(
@@ -144,7 +163,7 @@ class FusionNode(Node):
         figures |= self._filter_figures(sensor)
         if sensor is Sensor.GYRO:
             figures["vertical from"] = self._level.source
-        return level, text, figures | self._complaints.figures(self._topics[sensor])
+        return self._warned((level, text, figures | self._complaints.figures(self._topics[sensor])), sensor)
 
     def _filter_figures(self, sensor: Sensor) -> dict[str, str]:
         """How a sensor's samples fared in the filter."""
@@ -157,11 +176,11 @@ class FusionNode(Node):
         live = sum(health.alive(now, timeout) for health in self._health.values())
         level, text, figures = fusion_finding(self._pipeline.estimate(), live)
         figures |= self._complaints.figures("fusion")
-        return level, text, figures | count_figures(self._pipeline.fusion.counts, "reset")
+        return self._warned((level, text, figures | count_figures(self._pipeline.fusion.counts, "reset")))
 
     def _images_finding(self) -> Finding:
         level, text, figures = self._stream.finding()
-        return level, text, figures | self._filter_figures(Sensor.COMPASS)
+        return self._warned((level, text, figures | self._filter_figures(Sensor.COMPASS)), Sensor.COMPASS)
 
     def destroy_node(self) -> None:
         """End the image thread, then the node."""

@@ -22,8 +22,8 @@ class StreamHealth:
 
     Attributes
     ----------
-    received, used : int
-        Messages so far, and how many of them became part of a result.
+    received, used, refused : int
+        Messages so far, how many of them became part of a result, and how many the filter's gate refused.
     stamp_ns : int or None
         Stamp of the newest used message, ns.
     """
@@ -31,10 +31,12 @@ class StreamHealth:
     def __init__(self) -> None:
         self.received = 0
         self.used = 0
+        self.refused = 0
         self.stamp_ns: int | None = None
         self._received_at = -math.inf
         self._used_at = -math.inf
-        self._period: tuple[float, int, int] | None = None  # time, received and used at its start
+        self._refused_at = -math.inf
+        self._period: tuple[float, int, int, int] | None = None  # time, received, used and refused at its start
 
     def receive(self, now: float) -> None:
         """Note a message that arrived at `now`, monotonic seconds."""
@@ -47,34 +49,43 @@ class StreamHealth:
         self._used_at = now
         self.stamp_ns = stamp_ns
 
+    def refuse(self, now: float) -> None:
+        """Note that the filter's gate refused a message."""
+        self.refused += 1
+        self._refused_at = now
+
     def alive(self, now: float, timeout: float) -> bool:
         """Whether a message was used within the last `timeout` seconds."""
         return now - self._used_at <= timeout
 
     def judge(self, now: float, timeout: float) -> tuple[Level, str, dict[str, str]]:
         """Level, reason and figures of the period since the last call; silent for `timeout` seconds means stale."""
-        since, received, used = self._period or (now, 0, 0)
-        self._period = (now, self.received, self.used)
+        since, received, used, refused = self._period or (now, 0, 0, 0)
+        self._period = (now, self.received, self.used, self.refused)
         came, served = self.received - received, self.used - used
         rate = came / (now - since) if now > since else math.nan
-        level, reason = self._level(now, timeout, came, served)
+        level, reason = self._level(now, timeout, came, served, self.refused - refused)
         silence = now - self._received_at
         return level, reason, {
             "rate [Hz]": f"{rate:.1f}",
             "silent for [s]": f"{silence:.2f}" if math.isfinite(silence) else "ever",
             "received": str(self.received),
             "used": str(self.used),
+            "refused at the gate": str(self.refused),
         }  # fmt: skip
 
-    def _level(self, now: float, timeout: float, came: int, served: int) -> tuple[Level, str]:
+    def _level(self, now: float, timeout: float, came: int, served: int, refused: int) -> tuple[Level, str]:
         if not self.received:
             return Level.STALE, "nothing received yet"
         if now - self._received_at > timeout:
             return Level.STALE, f"silent for {now - self._received_at:.1f} s"
         if not self.alive(now, timeout):
+            if now - self._refused_at <= timeout:
+                return Level.WARN, "messages come, the filter's gate refuses them all"
             return Level.ERROR, "messages come, none can be used"
         if came - served > _UNUSABLE_SHARE * came + 1.0:  # one may be under way
-            return Level.WARN, f"{came - served} of {came} messages not used"
+            gate = f", {refused} refused at the filter's gate" if refused else ""
+            return Level.WARN, f"{came - served} of {came} messages not used{gate}"
         return Level.OK, "OK"
 
 

@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from compass import CompassStatus
-from fusion import FusionConfig, GyroSample, OdometrySample, Sensor, YawPipeline
+from compass import CompassStatus, YawIncrement
+from fusion import FusionConfig, GyroSample, OdometrySample, Sensor, YawFusion, YawPipeline
 
 FRAME_NS = 100_000_000
 
@@ -65,3 +65,48 @@ def test_compass_asks_how_the_robot_leant_at_the_exposure_as_far_as_the_delay_is
     monkeypatch.setattr(pipeline.leans, "at", asked.append)
     pipeline.add_image(10 * FRAME_NS, panorama(0.0))
     assert asked == [10 * FRAME_NS - round(1e9 * delay)]
+
+
+def turning_gyro(fusion, seconds, rate=0.5):
+    """A gyro at 100 Hz from t = 1 s on; returns the stamp of the last sample, ns."""
+    stamps = range(1_000_000_000, 1_000_000_000 + round(seconds * 1e9) + 1, 10_000_000)
+    for t_ns in stamps:
+        fusion.add(GyroSample(t_ns, rate))
+    return stamps[-1]
+
+
+def test_estimate_predicted_goes_on_turning_and_knows_less_with_time():
+    fusion = YawFusion()
+    last_ns = turning_gyro(fusion, 2.0)
+    now, times = fusion.estimate(), (0.005, 0.05, 0.3, 1.0, 3.0, 10.0, 1000.0)
+    predicted = [fusion.estimate(last_ns + round(1e9 * s)) for s in times]
+    assert [one.t_ns for one in predicted] == [last_ns + round(1e9 * s) for s in times]
+    assert predicted[1].yaw == pytest.approx(now.yaw + 0.05 * now.yaw_rate, abs=1e-6)
+    variances = [one.yaw_variance for one in (now, *predicted)]
+    assert variances == sorted(set(variances))
+    # a robot nobody watches may stop, or turn at initial_rate_sigma: after 3 s neither is a surprise
+    assert abs(predicted[4].yaw - now.yaw) < 3.0 * math.sqrt(predicted[4].yaw_variance)
+    assert math.sqrt(predicted[4].yaw_variance) > 1.0  # rad, a third of the 3 s at 1 rad/s
+    assert fusion.estimate() == now  # a look ahead, not a step
+
+
+def test_estimate_predicted_to_the_past_is_the_newest_one():
+    fusion = YawFusion()
+    assert fusion.estimate(5) is None
+    last_ns = turning_gyro(fusion, 1.0)
+    assert fusion.estimate(last_ns - 1) == fusion.estimate(last_ns) == fusion.estimate()
+
+
+def test_estimate_predicted_does_not_trust_a_standstill_that_nobody_sees():
+    fusion = YawFusion()
+    for t_ns in range(1_000_000_000, 4_000_000_000, 10_000_000):
+        fusion.add(GyroSample(t_ns, 0.003))
+        if t_ns % 50_000_000 == 0:
+            fusion.add(OdometrySample(t_ns, 0.0, 0.0, 0.0))
+            fusion.add(YawIncrement(1_000_000_000 - 1, t_ns, 0.0, 1e-8, 0.9))
+    assert fusion.estimate().standstill
+    soon, late = (fusion.estimate(fusion.estimate().t_ns + round(1e9 * s)) for s in (0.1, 2.0))
+    assert soon.standstill
+    assert math.sqrt(soon.yaw_variance) < 1e-3
+    assert not late.standstill
+    assert math.sqrt(late.yaw_variance) > 0.5  # rad: 2 s at up to 1 rad/s that began at some time

@@ -1,9 +1,11 @@
 """Warnings: which there are, their order, and that each is told once."""
 
+from pathlib import Path
+
 import pytest
 
 from fusion import Warning
-from fusion.checks.warnings import WarningLog, most_serious_first
+from fusion.checks.warnings import CODES, WarningLog, most_serious_first
 
 STUCK = Warning("gyro_stuck", "gyro", 5, "says 0.1")
 LOST = Warning("turn_lost", "compass", 3, "0.4 s without images")
@@ -24,3 +26,15 @@ def test_log_tells_each_once_and_keeps_the_first_time_with_the_latest_words():
     assert log.note([STUCK]) == [STUCK]
     assert log.note([Warning("gyro_stuck", "gyro", 9, "says 0.2"), LOST]) == [LOST]
     assert log.all() == [Warning("gyro_stuck", "gyro", 5, "says 0.2"), LOST]
+
+
+def test_docs_explain_every_code_once_in_the_order_of_seriousness():
+    lines = (Path(__file__).parents[1] / "docs" / "warnings.md").read_text(encoding="utf-8").splitlines()
+    rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in lines if line.startswith("| `")]
+    assert [row[0] for row in rows] == [f"`{code}`" for code in CODES]
+    assert all(len(row) == 4 and all(row) for row in rows)
+
+
+def test_sensors_of_a_warning_are_named_one_by_one():
+    assert STUCK.sensors == ("gyro",)
+    assert Warning("sensors_disagree", "compass+gyro", 0, "").sensors == ("compass", "gyro")

@@ -58,6 +58,11 @@ class Warning:
     since_ns: int
     text: str
 
+    @property
+    def sensors(self) -> tuple[str, ...]:
+        """The sensors it is about, one by one."""
+        return tuple(self.sensor.split("+"))
+
     def __post_init__(self) -> None:
         if self.code not in _RANK:
             raise ValueError(f"{self.code!r} is no warning's code; codes: {', '.join(CODES)}")

@@ -62,14 +62,14 @@ def fuse(
 ) -> None:
     """Fuse BAG (ROS 1, rosbag2 sqlite3 or MCAP) and write yaw.csv, *.tum, result.mcap, summary.json and yaw.png."""
     from fusion.offline.fuse import fuse_bag
-    from fusion.offline.summary import remarks, yaw_table
+    from fusion.offline.summary import remarks, warning_lines, yaw_table
     from fusion.offline.topics import TopicRequest
     from fusion.settings import load_settings
 
     fused = fuse_bag(bag, out, load_settings(config), TopicRequest(image, gyro, odometry, truth), smooth=smooth)
     click.echo(yaw_table(fused.summary))
-    for remark in remarks(fused.summary):
-        click.echo(remark)
+    for line in (*warning_lines(fused.summary["warnings"]), *remarks(fused.summary)):
+        click.echo(line)
     click.echo(f"results in {fused.folder}/, plot in {fused.folder / 'yaw.png'}")
 
 
@@ -184,11 +184,13 @@ def calibrate(
 def demo(out: Path) -> None:
     """Simulate a short drive, write it as a bag, fuse that bag and compare with the truth."""
     from fusion.offline.demo import run_demo
-    from fusion.offline.summary import yaw_table
+    from fusion.offline.summary import warning_lines, yaw_table
     from fusion.settings import Settings
 
     fused = run_demo(out, Settings())
     click.echo(yaw_table(fused.summary))
+    for line in warning_lines(fused.summary["warnings"]):
+        click.echo(line)
     click.echo(f"bag {out / 'demo.mcap'}, results in {fused.folder}/, plot {fused.folder / 'yaw.png'}")
 
 

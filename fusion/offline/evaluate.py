@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from multiprocessing import get_context
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -15,6 +16,7 @@ import numpy as np
 from compass import VisualCompass, YawIncrement, wrap_angle
 from compass.attitude import Vector
 from compass.config import METHODS
+from fusion import Warning
 from fusion.offline.bag import Bag, BagError
 from fusion.offline.console import progress_bar
 from fusion.offline.gps import Drift, drift, read_course
@@ -22,6 +24,7 @@ from fusion.offline.recording import Floats, Frame, Progress, Recording, TruthTr
 from fusion.offline.run import FusedRun, fuse_recording, smooth_run
 from fusion.offline.scores import COMPASS, FUSED, SMOOTHED, Score, YawTrack, errors, score, yaw_at, yaw_tracks
 from fusion.offline.simulated import SimulatedRecording
+from fusion.offline.summary import warning_facts
 from fusion.offline.topics import TopicRequest, choose_topics
 from fusion.settings import Settings
 from fusion.simulation import EXPERIMENTS, simulate
@@ -91,6 +94,10 @@ class _Watched:
         self.yaws: dict[str, list[tuple[int, float]]] = {name: [] for name in compasses}
         self.increments: dict[str, list[YawIncrement]] = {name: [] for name in compasses}
         self.frame_count = recording.frame_count
+
+    @property
+    def warnings(self) -> Iterable[Warning]:
+        return getattr(self._recording, "warnings", ())
 
     def frames(self) -> Iterator[Frame]:
         for frame in self._recording.frames():
@@ -250,10 +257,17 @@ def _render(names: Sequence[str], seeds: int) -> None:
             simulate(name, seed).prepare(lambda done, of, count=count: progress((count + done / of) / total))  # type: ignore[misc]
 
 
-def evaluate_bag(
-    path: Path, settings: Settings, request: TopicRequest, smooth: bool
-) -> tuple[list[Outcome], dict[str, Drift]]:
-    """All methods on a user's bag: scores against its truth, drifts against its GPS, whichever it has.
+@dataclass(frozen=True, slots=True)
+class BagOutcome:
+    """How all sources did on a bag: against its truth, against its GPS, and what was wrong with it."""
+
+    outcomes: list[Outcome]
+    drifts: dict[str, Drift]
+    warnings: list[dict[str, Any]]
+
+
+def evaluate_bag(path: Path, settings: Settings, request: TopicRequest, smooth: bool) -> BagOutcome:
+    """All methods on a user's bag, which needs truth or GPS.
 
     Raises
     ------
@@ -275,4 +289,4 @@ def evaluate_bag(
     if course is not None:
         found = {name: drift(track, course) for name, track in tracks.yaws.items()}
         drifts = {name: one for name, one in found.items() if one}
-    return outcomes, drifts
+    return BagOutcome(outcomes, drifts, warning_facts(tracks.run))

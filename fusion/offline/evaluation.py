@@ -9,6 +9,7 @@ from pathlib import Path
 
 from fusion.offline.evaluate import Outcome, evaluate_bag, evaluate_experiments
 from fusion.offline.staging import staged_file
+from fusion.offline.summary import warning_lines
 from fusion.offline.topics import TopicRequest
 from fusion.offline.verdicts import as_json, drift_table, full_table, short_table, summarise_outcomes, verdict_lines
 from fusion.settings import Settings
@@ -40,20 +41,24 @@ def run_evaluation(
     outcomes: list[Outcome] = []
     if names:
         outcomes += evaluate_experiments(names, seeds, settings, workers or os.cpu_count() or 1, smooth)
-    drifts = {}
+    drifts, warnings = {}, {}
     for bag in bags:
-        scored, drifts[str(bag)] = evaluate_bag(bag, settings, request, smooth)
-        outcomes += scored
+        found = evaluate_bag(bag, settings, request, smooth)
+        outcomes += found.outcomes
+        drifts[str(bag)], warnings[str(bag)] = found.drifts, found.warnings
     default = settings.compass.method
     summaries = summarise_outcomes(outcomes)
     if json_file is not None:
         with staged_file(json_file) as staged:
-            content = as_json(outcomes, summaries, drifts, default)
+            content = as_json(outcomes, summaries, drifts, default) | {"warnings": warnings}
             staged.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
     parts = []
     if outcomes:
         shown = full_table(summaries, default) if metric == "all" else short_table(summaries, default, metric)
         parts.append(f"errors in deg, {seeds} seed{'s' if seeds > 1 else ''}\n{shown}")
         parts.append("\n".join(verdict_lines(summaries, default)))
-    parts += [drift_table(bag, found, default) for bag, found in drifts.items() if found]
+    parts += [drift_table(bag, drift, default) for bag, drift in drifts.items() if drift]
+    parts += [
+        "\n".join((bag, *warning_lines(wrong, "the summary.json of fuse"))) for bag, wrong in warnings.items() if wrong
+    ]
     return "\n\n".join(part for part in parts if part)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fusion.events import Sensor
+from fusion.offline.bands import shade_warnings
 from fusion.offline.recording import Floats, Times
 from fusion.offline.run import FusedRun, Row
 from fusion.offline.scores import COMPASS, FUSED, GYRO, SMOOTHED, TRACKS, YawTrack, errors, yaw_at, yaw_tracks
@@ -62,6 +63,7 @@ def plot_run(run: FusedRun, path: Path, title: str) -> None:
     figure.align_ylabels(axes)
     axes[-1].set_xlabel("time since start [s]")
     axes[-1].set_xlim(0.0, max(float(clock(run.t_ns)[-1]), 1e-3))
+    shade_warnings(axes, run.warnings, run.rows[0].t_ns)
     figure.savefig(path, dpi=110)
 
 

@@ -41,6 +41,7 @@ COLUMNS = (
     *("yaw_rate_sigma", "gyro_bias_sigma", "track_scale", "track_scale_sigma", "standstill", "slip"),
     *("camera_delay", "camera_delay_sigma"),
     *("compass_status", *(f"{sensor.value}_nis" for sensor in Sensor)),
+    "warnings",
 )
 
 
@@ -72,6 +73,7 @@ def row_cells(row: Row) -> dict[str, str]:
         confidence = row.compass.increment.confidence if row.compass.increment else math.nan
         cells |= {"compass_yaw": _cell(row.compass.yaw), "compass_sigma": _cell(row.compass.sigma)}
         cells |= {"confidence": _cell(confidence), "compass_status": row.compass.status.name}
+    cells["warnings"] = " ".join(dict.fromkeys(warning.code for warning in row.warnings))
     return {"t": seconds(row.t_ns)} | {name: cell for name, cell in cells.items() if cell}
 
 
@@ -150,7 +152,9 @@ def write_mcap(path: Path, run: FusedRun, settings: Settings) -> None:
 
 
 def _health(row: Row) -> tuple[str, dict[str, str]]:
-    """Fault, if any, and facts of a row."""
+    """Fault, if any, and facts of a row; the most serious warning goes before what befell single samples."""
+    if row.warnings:
+        return row.warnings[0].text, row_cells(row)
     rejected = [sensor.value for sensor, report in row.gates.items() if report.verdict.name == "REJECTED"]
     fault = f"rejected at the gate: {', '.join(rejected)}" if rejected else ""
     if row.compass and row.compass.increment is None:

@@ -13,14 +13,16 @@ import numpy as np
 import numpy.typing as npt
 
 from compass import CompassStatus, YawIncrement
-from fusion import GyroSample, OdometrySample, YawEstimate, YawPipeline, smooth
+from fusion import GyroSample, OdometrySample, Warning, YawEstimate, YawPipeline, smooth
 from fusion.compass_rate import CompassRate
 from fusion.events import Sample, Sensor
 from fusion.gating import SensorReport
+from fusion.offline.history import Warned, WarningHistory
 from fusion.offline.recording import Frame, GyroTrack, OdometryTrack, Progress, Recording, TruthTrack
 from fusion.settings import Settings
 
 LONGEST_SILENCE_NS = 100_000_000  # without images there is a row at least this often
+LONGEST_PREDICTION_NS = 10_000_000_000  # at `initial_rate_sigma` the yaw is known to no better than 5 rad by then
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,9 +67,12 @@ class Row:
     compass : CompassReading or None
         None between images.
     fused : YawEstimate or None
-        None before the first sample of the filter.
+        Predicted to that time from the newest sample. None before the first sample of the filter, more than
+        `LONGEST_PREDICTION_NS` after the newest one, and for an image that is older than that.
     gates : dict of Sensor to SensorReport
         How samples fared that came since the row before.
+    warnings : tuple of Warning
+        What was known at that time to be wrong, most serious first.
     smoothed : YawEstimate or None
         The estimate that knows the future; None where it was not asked for or nothing was measured at that time.
     """
@@ -76,6 +81,7 @@ class Row:
     compass: CompassReading | None
     fused: YawEstimate | None
     gates: dict[Sensor, SensorReport]
+    warnings: tuple[Warning, ...] = ()
     smoothed: YawEstimate | None = None
 
 
@@ -93,6 +99,10 @@ class FusedRun:
         Outcomes of all images.
     fusion_counts : Counter of str
         What became of the samples.
+    gates : dict of Sensor to SensorReport
+        How the samples of each sensor fared at the filter's gate, all in all.
+    warnings : list of Warned
+        All that was wrong, and when; most serious first.
     """
 
     rows: list[Row]
@@ -101,6 +111,8 @@ class FusedRun:
     truth: TruthTrack | None
     compass_counts: Counter[CompassStatus] = field(default_factory=Counter)
     fusion_counts: Counter[str] = field(default_factory=Counter)
+    gates: dict[Sensor, SensorReport] = field(default_factory=dict)
+    warnings: list[Warned] = field(default_factory=list)
 
     @property
     def t_ns(self) -> npt.NDArray[np.int64]:
@@ -111,14 +123,16 @@ class FusedRun:
 def fuse_recording(recording: Recording, settings: Settings, progress: Progress = lambda part: None) -> FusedRun:
     """Run a recording through compass and filter, every sample at its stamp."""
     run = _Run(settings)
+    run.pipeline.warning_sources.append(lambda: getattr(recording, "warnings", ()))
     total = recording.gyro.t_ns.size + recording.odometry.t_ns.size + recording.frame_count
     for count, event in enumerate(_events(recording)):
         run.take(event)
         progress(count / total)
-    run.close()
+    warnings = run.close()
     progress(1.0)
     counts = run.pipeline.compass.counts, run.pipeline.fusion.counts
-    return FusedRun(run.rows, recording.gyro, recording.odometry, recording.truth, *counts)
+    gates = run.reports()
+    return FusedRun(run.rows, recording.gyro, recording.odometry, recording.truth, *counts, gates, warnings)
 
 
 def smooth_run(run: FusedRun, settings: Settings) -> None:
@@ -147,22 +161,27 @@ class _Run:
         self._rate = CompassRate()
         self._reported: dict[Sensor, int] = {}
         self._last_ns: int | None = None
+        self._history = WarningHistory()
 
     def take(self, event: Event) -> None:
         """Feed one event and note a row where one is due."""
         if isinstance(event, Frame):
             reading = self._look(event)
             self._note(event.t_ns, reading)
-            return
-        self.pipeline.add(event)
-        self._last_ns = event.t_ns
-        if not self.rows or event.t_ns - self.rows[-1].t_ns > LONGEST_SILENCE_NS:
-            self._note(event.t_ns, None)
+        elif self.pipeline.add(event):
+            self._last_ns = event.t_ns
+            if not self.rows or event.t_ns - self.rows[-1].t_ns > LONGEST_SILENCE_NS:
+                self._note(event.t_ns, None)
 
-    def close(self) -> None:
-        """Note the last samples."""
+    def close(self) -> list[Warned]:
+        """Note the last samples; returns all that was wrong."""
         if self._last_ns is not None and self.rows and self._last_ns > self.rows[-1].t_ns:
             self._note(self._last_ns, None)
+        return self._history.finish(self.pipeline.warnings())
+
+    def reports(self) -> dict[Sensor, SensorReport]:
+        """How the samples of each sensor that has given any fared at the gate so far."""
+        return {sensor: report for sensor, report in self.pipeline.fusion.reports().items() if report}
 
     def _look(self, frame: Frame) -> CompassReading:
         increment = self.pipeline.add_image(frame.t_ns, frame.image, frame.encoding)
@@ -174,9 +193,17 @@ class _Run:
         return CompassReading(compass.status, increment, compass.yaw, sigma, rate, variance, self.pipeline.far)
 
     def _note(self, t_ns: int, reading: CompassReading | None) -> None:
-        reports = {sensor: report for sensor, report in self.pipeline.fusion.reports().items() if report}
+        reports = self.reports()
         news = {sensor: report for sensor, report in reports.items() if self._reported.get(sensor) != report.t_ns}
         self._reported.update({sensor: report.t_ns for sensor, report in news.items()})
         if self.rows and self.rows[-1].t_ns == t_ns and self.rows[-1].compass is None:
             news = self.rows.pop().gates | news
-        self.rows.append(Row(t_ns, reading, self.pipeline.estimate(), news))
+        warnings = self._history.note(t_ns, self.pipeline.warnings())
+        self.rows.append(Row(t_ns, reading, self._estimate_at(t_ns), news, warnings))
+
+    def _estimate_at(self, t_ns: int) -> YawEstimate | None:
+        """The estimate for a row's own time; None where there is none worth the name."""
+        newest = self.pipeline.estimate()
+        if newest is None or not 0 <= t_ns - newest.t_ns <= LONGEST_PREDICTION_NS:
+            return None
+        return self.pipeline.estimate(t_ns)

@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from compass import CompassStatus
+from fusion.events import Sensor
 from fusion.lean import lean_angle
 from fusion.offline.console import table
+from fusion.offline.history import Warned
 from fusion.offline.recording import BagRecording, GyroTrack
 from fusion.offline.run import FusedRun
 from fusion.offline.scores import scores, yaw_tracks
 
 KNOWN_DELAY = 0.005  # s, standard deviation of a camera delay that was learnt
+MOST_LINES = 5  # warnings on the screen; more than a handful is not read
 SMALL_DELAY = 0.005  # s, as much as stamps stray anyway
 SMALL_LEAN = 8.0  # deg; such a lean changes a heading by 0.3 deg
 
@@ -38,6 +42,7 @@ def summarise(run: FusedRun, recording: BagRecording) -> dict[str, Any]:
         yaws[name] = one
     last = next((row.fused for row in reversed(run.rows) if row.fused), None)
     return {
+        "warnings": warning_facts(run),
         "bag": str(recording.bag.path),
         "topics": {
             role: topic.name if (topic := getattr(recording.choice, role)) else None
@@ -57,8 +62,45 @@ def summarise(run: FusedRun, recording: BagRecording) -> dict[str, Any]:
         "camera_delay_sigma_s": last and math.sqrt(last.camera_delay_variance),
         "images": {status.name: count for status, count in sorted(run.compass_counts.items(), key=lambda i: i[0].name)},
         "samples": dict(sorted(run.fusion_counts.items())),
+        "gates": {sensor.value: _gate_facts(run, sensor) for sensor in Sensor},
         "unusable_messages": dict(sorted(recording.dropped.items())),
     }
+
+
+def warning_facts(run: FusedRun) -> list[dict[str, Any]]:
+    """All warnings of a run, most serious first, ready for JSON.
+
+    `since_ns` is the stamp as it was given, `since_s` and `until_s` are seconds from the start of the run and within
+    it; `until_s` is None where the warning held to the end.
+    """
+    return [_warning_facts(one, run.rows[0].t_ns if run.rows else one.spans[0][0]) for one in run.warnings]
+
+
+def _warning_facts(one: Warned, start_ns: int) -> dict[str, Any]:
+    since_ns, until_ns = one.spans[0][0], one.spans[-1][1]
+    return {
+        "code": one.warning.code,
+        "sensor": one.warning.sensor,
+        "since_ns": one.warning.since_ns,
+        "since_s": round((since_ns - start_ns) * 1e-9, 3),
+        "until_s": None if one.lasting else round((until_ns - start_ns) * 1e-9, 3),
+        "text": one.warning.text,
+    }
+
+
+def warning_lines(warnings: Sequence[dict[str, Any]], place: str = "summary.json") -> list[str]:
+    """The most serious of a summary's warnings, one per line; `place` is where the others stand."""
+    shown = warnings[:MOST_LINES]
+    lines = [f"warning: {' '.join(one['text'].split())} [{one['code']}, {one['sensor']}]" for one in shown]
+    more = len(warnings) - MOST_LINES
+    return lines + ([f"and {more} more in {place}"] if more > 0 else [])
+
+
+def _gate_facts(run: FusedRun, sensor: Sensor) -> dict[str, int]:
+    """How many samples of a sensor the filter's gate let pass, refused, and let pass after it had refused for long."""
+    report = run.gates.get(sensor)
+    verdicts = (report.accepted, report.rejected, report.recovered) if report else (0, 0, 0)
+    return dict(zip(("accepted", "rejected", "recovered"), verdicts, strict=True))
 
 
 def yaw_table(summary: dict[str, Any]) -> str:
