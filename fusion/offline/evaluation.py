@@ -7,6 +7,7 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
+from fusion.offline.bag import BagError
 from fusion.offline.evaluate import Outcome, evaluate_bag, evaluate_experiments
 from fusion.offline.staging import staged_file
 from fusion.offline.topics import TopicRequest
@@ -43,6 +44,8 @@ def run_evaluation(
     drifts = {}
     for bag in bags:
         scored, drifts[str(bag)] = evaluate_bag(bag, settings, request, smooth)
+        if not scored and not drifts[str(bag)]:
+            raise BagError(f"{bag}: nothing to score: no yaw has two times in common with the truth, or with GPS fixes")
         outcomes += scored
     default = settings.compass.method
     summaries = summarise_outcomes(outcomes)
