@@ -103,6 +103,13 @@ def test_sqlite_write_ahead_log_torn_at_its_end_gives_what_was_committed(tmp_pat
     assert any("counts 80 messages, the files hold 20; messages are lost" in fault for fault in faults(killed))
 
 
+def test_sqlite_write_ahead_log_that_was_not_copied_is_missed(tmp_path):
+    killed = kill_with_log(write(tmp_path / "drive", "sqlite3"))
+    (killed / "drive.db3-wal").unlink()
+    assert numbers(killed / "drive.db3") == list(range(10))
+    assert any("drive.db3-wal was not copied" in fault for fault in faults(killed / "drive.db3"))
+
+
 def test_sqlite_stale_write_ahead_log_changes_nothing(tmp_path):
     write(tmp_path / "drive", "sqlite3")
     for junk in (b"", b"\0" * 5000, b"\x37\x7f\x06\x82" + bytes(5000)):

@@ -183,6 +183,11 @@ class Workshop:
             return self.readable(self._decompressed(file))
         if kind == SQLITE and companions:
             return self._settled(file, [real, *companions])
+        if kind == SQLITE and Path(f"{real}-shm").exists() and not Path(f"{real}-wal").exists():
+            name = f"{real.name}-wal"
+            self.faults.append(
+                f"{name} was not copied with {real.name}: the recorder had messages in it, they are lost"
+            )
         if file.suffix == kind:
             return file
         link = self._place(kind)
