@@ -31,6 +31,13 @@ _LAYOUT = {
 }
 _RED_FIRST = {"rgb8": cv2.COLOR_RGB2GRAY, "rgba8": cv2.COLOR_RGBA2GRAY}
 _LUMA_CHANNEL = {"yuv422": 1, "uyvy": 1, "yuv422_yuy2": 0, "yuyv": 0}
+# A still of today's 360-degree cameras has up to 72 megapixels (11968 x 5984), and a decoder takes several bytes for
+# each: what says to be larger is a fault or a trap (1 MB of PNG may hold a gigapixel), and is not decoded.
+MOST_PIXELS = 100_000_000
+_PNG = b"\x89PNG\r\n\x1a\n"
+_JPEG = b"\xff\xd8"
+# as people and drivers call video codecs in `CompressedImage.format`
+_VIDEO = ("h264", "h.264", "x264", "avc", "h265", "h.265", "x265", "hevc", "av1", "vp8", "vp9", "mpeg4", "theora")
 _REDUCED = {2: cv2.IMREAD_REDUCED_GRAYSCALE_2, 4: cv2.IMREAD_REDUCED_GRAYSCALE_4, 8: cv2.IMREAD_REDUCED_GRAYSCALE_8}
 
 
@@ -74,7 +81,7 @@ def image_from_raw(data: Any, encoding: str, height: int, width: int, step: int,
     return rows if channels == 1 else rows.reshape(height, width, channels)
 
 
-def image_from_compressed(data: Any, columns: int = 0) -> Image:
+def image_from_compressed(data: Any, columns: int = 0, named: str = "") -> Image:
     """Decode a JPEG or PNG to grey, reduced by 2, 4 or 8 while it stays at least `columns` wide.
 
     Parameters
@@ -83,6 +90,8 @@ def image_from_compressed(data: Any, columns: int = 0) -> Image:
         The file's bytes.
     columns : int
         Width that is wanted; 0 decodes at full size. A JPEG decoded at reduced size costs a fraction of the time.
+    named : str
+        What the message calls its format, for the words of an error; the bytes decide.
 
     Returns
     -------
@@ -91,21 +100,75 @@ def image_from_compressed(data: Any, columns: int = 0) -> Image:
     Raises
     ------
     ImageError
-        The bytes are not an image OpenCV can decode.
+        The bytes are no JPEG or PNG that OpenCV can decode, or one of more than `MOST_PIXELS`.
     """
     buffer = np.frombuffer(data, np.uint8)
+    width, height = _size(buffer, named)
+    if width * height > MOST_PIXELS:
+        raise ImageError(
+            f"picture of {width} x {height} pixels is not decoded: more than {MOST_PIXELS // 1_000_000} megapixels; "
+            "no panorama is that large, send a smaller one"
+        )
     flag = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH
-    width = _jpeg_width(buffer) if columns else 0
-    for factor, reduced in _REDUCED.items():
-        if columns and width >= factor * columns:
-            flag = reduced
+    if columns and buffer[0] == _JPEG[0]:
+        for factor, reduced in _REDUCED.items():
+            if width >= factor * columns:
+                flag = reduced
     try:
-        image = cv2.imdecode(buffer, flag) if buffer.size else None
+        image = cv2.imdecode(buffer, flag)
     except cv2.error:
         image = None
     if image is None:
-        raise ImageError(f"compressed image of {buffer.size} bytes is corrupt or neither JPEG nor PNG")
+        raise ImageError(f"compressed image of {buffer.size} bytes is corrupt")
     return image
+
+
+def _size(buffer: npt.NDArray[np.uint8], named: str) -> tuple[int, int]:
+    """Width and height from the header of a JPEG or PNG; `ImageError` where there is none."""
+    begin = buffer[:32].tobytes()
+    size = (0, 0)
+    if begin.startswith(_PNG):
+        size = int.from_bytes(begin[16:20], "big"), int.from_bytes(begin[20:24], "big")
+    elif begin.startswith(_JPEG):
+        # the header is nearly always among the first bytes; colour profiles and previews may come before it
+        size = _jpeg_size(buffer[:65536].tobytes())
+        if not size[0] and buffer.size > 65536:
+            size = _jpeg_size(buffer.tobytes())
+    else:
+        raise ImageError(_no_picture(buffer, begin, named))
+    if not all(size):
+        raise ImageError(f"compressed image of {buffer.size} bytes is corrupt: its header gives no size")
+    return size
+
+
+def _jpeg_size(data: bytes) -> tuple[int, int]:
+    """Width and height from a JPEG's frame header, found as libjpeg finds it; zeros where there is none."""
+    at = 2
+    while (at := data.find(b"\xff", at)) >= 0:
+        while data[at : at + 1] == b"\xff":  # any number of them may fill the space before a marker
+            at += 1
+        marker = data[at] if at < len(data) else 0xDA
+        if marker == 0xDA:  # pixels begin
+            break
+        if 0xC0 <= marker <= 0xCF and marker not in (0xC4, 0xC8, 0xCC):
+            height, width = data[at + 4 : at + 6], data[at + 6 : at + 8]
+            return int.from_bytes(width, "big"), int.from_bytes(height, "big")
+        alone = marker in (0x00, 0x01) or 0xD0 <= marker <= 0xD8  # these have no length
+        at += 1 if alone else 1 + max(int.from_bytes(data[at + 1 : at + 3], "big"), 2)
+    return 0, 0
+
+
+def _no_picture(buffer: npt.NDArray[np.uint8], begin: bytes, named: str) -> str:
+    """What the bytes are, where they are neither JPEG nor PNG, and what to do."""
+    said = f" (format {named!r})" if named else ""
+    what = f"compressed image of {buffer.size} bytes{said}"
+    if begin[12:20] == _PNG or "compresseddepth" in named.lower():
+        return f"{what} is a compressedDepth image, distances and no picture; choose the camera's other topic"
+    # Annex B of H.264 and H.265: every unit begins with 00 00 01, before which there may be one zero more
+    if begin.startswith((b"\0\0\1", b"\0\0\0\1")) or any(codec in named.lower() for codec in _VIDEO):
+        return f"{what} is a piece of a video; record JPEG, or let image_transport republish it as raw or compressed"
+    kind = "is empty" if not buffer.size else "is corrupt or neither JPEG nor PNG"
+    return f"{what} {kind}"
 
 
 def to_grey(image: Image, encoding: str = "") -> Image:
@@ -136,17 +199,3 @@ def to_grey(image: Image, encoding: str = "") -> Image:
     if channels == 4:
         return cv2.cvtColor(image, _RED_FIRST.get(encoding, cv2.COLOR_BGRA2GRAY))
     raise ImageError(f"image has {channels} channels; give 1, 3 or 4")
-
-
-def _jpeg_width(buffer: npt.NDArray[np.uint8]) -> int:
-    """Width from a JPEG's frame header; 0 when it is no JPEG."""
-    data = buffer[:65536].tobytes()
-    if data[:2] != b"\xff\xd8":
-        return 0
-    at = 2
-    while at + 9 < len(data) and data[at] == 0xFF:
-        marker = data[at + 1]
-        if 0xC0 <= marker <= 0xCF and marker not in (0xC4, 0xC8, 0xCC):
-            return int.from_bytes(data[at + 7 : at + 9], "big")
-        at += 2 + int.from_bytes(data[at + 2 : at + 4], "big")
-    return 0

@@ -11,7 +11,9 @@ import numpy as np
 import numpy.typing as npt
 
 from compass.config import CompassConfig
-from compass.errors import ConfigError
+from compass.errors import ConfigError, ImageError
+from compass.files import read_bounded
+from compass.image import MOST_PIXELS, image_from_compressed
 
 Weights = npt.NDArray[np.float32]
 
@@ -86,23 +88,19 @@ def load_mask(config: CompassConfig) -> RobotMask | None:
     Raises
     ------
     ConfigError
-        The file is missing or no picture.
+        The file is missing, no picture, or larger than any panorama.
     """
     if not config.mask:
         return None
-    path = Path(config.mask)
     remedy = "give the path of a PNG in which the robot is white, or '' for no mask"
     try:
-        data = np.frombuffer(path.read_bytes(), np.uint8)
-    except OSError as error:
-        raise ConfigError(f"mask: {path}: {error.strerror}; {remedy}") from None
-    try:
-        picture = cv2.imdecode(data, cv2.IMREAD_GRAYSCALE) if data.size else None
-    except cv2.error:
-        picture = None
-    if picture is None:
-        raise ConfigError(f"mask: {path}: not a picture that can be read; {remedy}")
-    return RobotMask(np.asarray(picture) > WHITE)
+        # not compressed at all, in 8 bits, the largest picture is no larger than this
+        picture = image_from_compressed(read_bounded(Path(config.mask), MOST_PIXELS, remedy))
+    except ConfigError as error:
+        raise ConfigError(f"mask: {error}") from None
+    except ImageError as error:
+        raise ConfigError(f"mask: {config.mask}: not a picture that can be read: {error}; {remedy}") from None
+    return RobotMask((picture >> 8 if picture.dtype == np.uint16 else picture) > WHITE)
 
 
 def _grown(robot: npt.NDArray[np.uint8], by: int) -> npt.NDArray[np.uint8]:

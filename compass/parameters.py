@@ -50,18 +50,30 @@ class ParameterSpec:
         """Return `value` in the parameter's type, or raise `ConfigError`."""
         kind = type(self.default)
         if kind is float and type(value) is int:
-            value = float(value)
+            try:
+                value = float(value)
+            except OverflowError:
+                raise ConfigError(f"{self.name}: {shown(value)} is beyond all numbers, up to 1.8e308") from None
         if type(value) is not kind:
-            raise ConfigError(f"{self.name}: {value!r} is not of type {kind.__name__} (default {self.default!r})")
+            raise ConfigError(f"{self.name}: {shown(value)} is not of type {kind.__name__} (default {self.default!r})")
         if isinstance(value, (int, float)) and kind is not bool:
             low = -math.inf if self.low is None else self.low
             high = math.inf if self.high is None else self.high
             if not low <= value <= high:  # false for NaN too
-                raise ConfigError(f"{self.name}: {value!r} is outside {low:g} .. {high:g} {self.unit}".rstrip())
+                raise ConfigError(f"{self.name}: {shown(value)} is outside {low:g} .. {high:g} {self.unit}".rstrip())
         if self.choices and value not in self.choices:
-            raise ConfigError(f"{self.name}: {value!r} is unknown; one of: {', '.join(self.choices)}")
+            raise ConfigError(f"{self.name}: {shown(value)} is unknown; one of: {', '.join(self.choices)}")
         checked: Value = value
         return checked
+
+
+def shown(value: object, longest: int = 60) -> str:
+    """A value as the text of an error shows it: cut where it is long, whatever it is."""
+    try:
+        text = repr(value)
+    except (ValueError, RecursionError):  # an integer of thousands of digits; a list within itself
+        text = f"a very large {type(value).__name__}"
+    return text if len(text) <= longest else f"{text[: longest - 4]} ..."
 
 
 def parameter(
@@ -99,9 +111,9 @@ class ParameterSet:
         known = [spec.name for spec in cls.specs()]
         for key in values:
             if key not in known:
-                near = difflib.get_close_matches(str(key), known, n=1)
+                near = difflib.get_close_matches(str(key)[:60], known, n=1)
                 hint = f"did you mean {where}{near[0]!r}?" if near else f"known: {', '.join(known)}"
-                raise ConfigError(f"unknown parameter {where}{key!r}; {hint}")
+                raise ConfigError(f"unknown parameter {where}{shown(key)}; {hint}")
         try:
             return cls(**values)
         except ConfigError as error:

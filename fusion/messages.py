@@ -109,6 +109,6 @@ def image_of(message: Any, columns: int) -> tuple[Image, str]:
         Unknown encoding, zero size, wrong `step` or length of `data`, corrupt JPEG.
     """
     if hasattr(message, "format"):
-        return image_from_compressed(message.data, columns), ""
+        return image_from_compressed(message.data, columns, str(message.format)), ""
     m = message
     return image_from_raw(m.data, m.encoding, m.height, m.width, m.step, bool(m.is_bigendian)), m.encoding

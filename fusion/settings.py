@@ -13,12 +13,15 @@ import yaml
 
 from compass.config import CompassConfig
 from compass.errors import ConfigError
-from compass.parameters import ParameterSet, ParameterSpec, Value, parameter
+from compass.files import read_bounded
+from compass.parameters import ParameterSet, ParameterSpec, Value, parameter, shown
+from fusion.bounded_yaml import YamlError, parse_yaml
 from fusion.config import FusionConfig
 from fusion.vertical import ImuConfig
 
 NODE = "visual_compass"
 _NODES = ("/**", NODE, "compass_node", "fusion_node")  # later ones override earlier ones
+_LARGEST = 1_000_000  # bytes of a parameter file; those of whole robots have 50 kB
 _ROS_OWN = ("use_sim_time", "qos_overrides", "start_type_description_service")
 
 
@@ -139,18 +142,19 @@ def _explain(spec: ParameterSpec) -> str:
 
 def read_parameter_file(path: Path) -> dict[str, Any]:
     """The parameters of a ROS parameter file that concern us, nested."""
+    data = read_bounded(path, _LARGEST, "give a readable YAML file")
     try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise ConfigError(f"{path}: {error.strerror}; give a readable YAML file") from None
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{path}: not YAML: {' '.join(str(error).split())}") from None
+        content = parse_yaml(data.decode("utf-8-sig"))
+    except UnicodeDecodeError as error:
+        raise ConfigError(f"{path}: not YAML: byte {error.start} is not UTF-8; save it as UTF-8") from None
+    except YamlError as error:
+        raise ConfigError(f"{path}: not YAML: {error}") from None
     if not isinstance(content, Mapping):
         raise ConfigError(f"{path}: no ROS parameter file; begin with '/**:' and 'ros__parameters:' below it")
     sections = {str(node).rsplit("/", 1)[-1] if node != "/**" else "/**": body for node, body in content.items()}
     chosen = [sections[node] for node in _NODES if node in sections]
     if not chosen:
-        names = ", ".join(map(repr, sections))
+        names = ", ".join([repr(name) for name in sections][:5]) + ", ..." * (len(sections) > 5)
         raise ConfigError(f"{path}: parameters of {names} only; put ours under '/**:'")
     values: dict[str, Any] = {}
     for body in chosen:
@@ -164,7 +168,10 @@ def _anchor_mask(values: dict[str, Any], folder: Path) -> None:
     """Let a relative path of the mask count from the folder of its file, wherever the command runs."""
     compass = values.get("compass")
     if isinstance(compass, dict) and isinstance(compass.get("mask"), str) and compass["mask"]:
-        compass["mask"] = str((folder / compass["mask"]).resolve())
+        try:
+            compass["mask"] = str((folder / compass["mask"]).resolve())
+        except (OSError, ValueError, RuntimeError) as error:  # a NUL, links in a circle
+            raise ConfigError(f"compass.mask: {shown(compass['mask'])}: {error}; give the path of a PNG") from None
 
 
 def _split_groups(values: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
@@ -175,12 +182,12 @@ def _split_groups(values: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
             continue
         if key and key in groups:
             if not isinstance(value, Mapping):
-                raise ConfigError(f"{key}: {value!r} is not a group of parameters such as {{name: value}}")
+                raise ConfigError(f"{key}: {shown(value)} is not a group of parameters such as {{name: value}}")
             groups[key] = dict(value)
         elif isinstance(value, Mapping):
-            near = difflib.get_close_matches(key, [name for name in groups if name], n=1)
+            near = difflib.get_close_matches(key[:60], [name for name in groups if name], n=1)
             hint = f"did you mean {near[0]!r}?" if near else "known: compass, fusion, imu"
-            raise ConfigError(f"unknown parameter group {key!r}; {hint}")
+            raise ConfigError(f"unknown parameter group {shown(key)}; {hint}")
         else:
             _refuse_stray(key)
             groups[""][key] = value

@@ -138,6 +138,31 @@ def test_topics_same_camera_raw_and_compressed_is_one_candidate(tmp_path):
     assert choose(path, image="/pano/image/compressed").image.name == "/pano/image/compressed"
 
 
+@pytest.mark.parametrize("depth", ["/pano/image/compressedDepth", "/depth/compressedDepth"])
+def test_topics_compressed_depth_is_never_taken_for_the_panorama(tmp_path, depth):
+    with TinyBag(tmp_path / "b") as bag:
+        bag.bytes(depth, START_NS, bytes(12) + b"\x89PNG\r\n\x1a\n" + bytes(50))
+        bag.imu("/imu/data", START_NS, 0.1)
+    assert choose(tmp_path / "b").image is None
+    with pytest.raises(BagError, match=rf"--image-topic {depth} is a compressedDepth image, distances and no picture"):
+        choose(tmp_path / "b", image=depth)
+    path = write_topics(tmp_path / "c", "/pano/image/compressed")
+    with TinyBag(tmp_path / "d") as bag:
+        bag.bytes(depth, START_NS, bytes(100))
+        bag.compressed("/pano/image/compressed", START_NS, np.zeros((8, 16), np.uint8))
+    assert choose(tmp_path / "d").image.name == choose(path).image.name == "/pano/image/compressed"
+
+
+def test_bag_of_video_in_compressed_images_says_so(tmp_path):
+    with TinyBag(tmp_path / "b") as bag:
+        for i in range(12):
+            bag.bytes("/pano/compressed", START_NS + i, b"\0\0\0\1\x67" + bytes(50))
+    with pytest.raises(
+        BagError, match=r"/pano/compressed: no usable image among the first 10: .*is a piece of a video"
+    ):
+        read_all(tmp_path / "b")
+
+
 def test_topics_none_leaves_a_sensor_out(tmp_path):
     choice = choose(write_topics(tmp_path / "b", "/imu/a", "/odom/a"), gyro="none")
     assert (choice.gyro, choice.odometry.name) == (None, "/odom/a")

@@ -1,6 +1,7 @@
 """Bytes of topics and files to arrays, arrays to grey."""
 
 import array
+import zlib
 
 import cv2
 import numpy as np
@@ -254,3 +255,74 @@ def test_jpeg_of_a_segment_of_no_length_ends():
     # a header that points to itself must not be followed for ever
     with pytest.raises(ImageError):
         image_from_compressed(b"\xff\xd8" + b"\xff\xe0\x00\x00" * 2000, 256)
+
+
+# ---------------------------------------------------------------- what a picture says of itself, before it is decoded
+
+
+def png_of_size(width, height):
+    """A sound PNG of zeros, 8 bits of grey: a gigapixel in a megabyte."""
+
+    def chunk(kind, data):
+        return len(data).to_bytes(4, "big") + kind + data + zlib.crc32(kind + data).to_bytes(4, "big")
+
+    compressor = zlib.compressobj(9)
+    row = bytes(width + 1)
+    pixels = b"".join(compressor.compress(row) for _ in range(height)) + compressor.flush()
+    header = width.to_bytes(4, "big") + height.to_bytes(4, "big") + bytes([8, 0, 0, 0, 0])
+    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", pixels) + chunk(b"IEND", b"")
+
+
+def jpeg_saying(picture, width, height):
+    """A JPEG whose frame header claims another size."""
+    data = bytearray(jpeg(picture))
+    at = data.index(b"\xff\xc0")
+    data[at + 5 : at + 9] = height.to_bytes(2, "big") + width.to_bytes(2, "big")
+    return bytes(data)
+
+
+def refuse_to_decode(*_):
+    raise AssertionError("decoded")
+
+
+@pytest.mark.parametrize("columns", [0, 256])
+def test_picture_larger_than_any_panorama_is_not_decoded(picture, columns, monkeypatch):
+    huge = [jpeg_saying(picture, 65_500, 65_500), jpeg_saying(picture, 20_000, 5_001), png_of_size(10_001, 10_000)]
+    comments = (b"\xff\xfe\xff\xff" + bytes(65_533)) * 3  # the header lies beyond the first 64 KiB
+    huge.append(huge[0][:2] + comments + huge[0][2:])
+    huge.append(huge[0][:2] + b"\xff" * 9 + huge[0][2:])  # any number of fill bytes may come before a marker
+    monkeypatch.setattr(cv2, "imdecode", refuse_to_decode)
+    for data in huge:
+        with pytest.raises(ImageError, match="pixels is not decoded: more than 100 megapixels"):
+            image_from_compressed(data, columns)
+
+
+def test_picture_as_large_as_cameras_make_them_is_decoded():
+    data = cv2.imencode(".jpg", np.zeros((5984, 11968), np.uint8))[1].tobytes()
+    assert image_from_compressed(data, 1024).shape == (748, 1496)
+    assert image_from_compressed(png_of_size(10_000, 100)).shape == (100, 10_000)
+
+
+@pytest.mark.parametrize(
+    ("data", "named", "says"),
+    [
+        (b"\0\0\0\1\x67" + bytes(50), "h264", "piece of a video"),
+        (b"\0\0\1\x40" + bytes(50), "", "piece of a video"),
+        (b"\0\0\1\x40" + bytes(50), "jpeg", "piece of a video"),
+        (b"\x12\x00\x0a" + bytes(50), "hevc", "format 'hevc'.* piece of a video"),
+        (b"\x12\x00\x0a" + bytes(50), "bgr8; H.265 compressed", "piece of a video"),
+        (bytes(12) + b"\x89PNG\r\n\x1a\n" + bytes(50), "", "compressedDepth"),
+        (b"1234", "16UC1; compressedDepth png", "compressedDepth"),
+        (b"RIFF\0\0\0\0WEBPVP8 " + bytes(50), "webp", "neither JPEG nor PNG"),
+        (b"", "jpeg", "is empty"),
+        (b"\xff\xd8\xff\xda" + bytes(50), "jpeg", "its header gives no size"),
+    ],
+)
+def test_bytes_of_another_kind_are_called_by_their_name(data, named, says):
+    with pytest.raises(ImageError, match=says) as caught:
+        image_from_compressed(data, 256, named)
+    assert "\n" not in str(caught.value)
+
+
+def test_format_of_a_message_is_only_words_where_the_bytes_are_a_picture(picture):
+    assert image_from_compressed(jpeg(picture), 0, "h264").shape == picture.shape

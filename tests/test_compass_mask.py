@@ -154,3 +154,21 @@ def test_mask_sectors_that_show_the_robot_give_no_answer(masts):
     assert distance.min() > half  # a window centred on the pole's edge shows, with the margin, mostly the pole
     assert sectors.shift_px.size >= 64 - 2 * 30 // 8  # the rest is there
     assert np.median(np.abs(sectors.shift_px - 2.0)) < 0.01
+
+
+def test_mask_of_a_gigapixel_is_refused_undecoded(tmp_path, monkeypatch):
+    header = b"\x89PNG\r\n\x1a\n" + (13).to_bytes(4, "big") + b"IHDR" + (40_000).to_bytes(4, "big") * 2
+    (tmp_path / "huge.png").write_bytes(header + bytes(1000))
+    monkeypatch.setattr(cv2, "imdecode", lambda *_: pytest.fail("decoded"))
+    with pytest.raises(ConfigError, match=r"huge\.png: .*40000 x 40000 pixels is not decoded.*give the path of a PNG"):
+        load_mask(CompassConfig(mask=str(tmp_path / "huge.png")))
+
+
+def test_mask_of_16_bits_and_of_colours_is_read_alike(tmp_path):
+    grey = np.full((8, 16), 20, np.uint8)
+    grey[:, 3:5] = 200
+    pictures = {"8.png": grey, "16.png": grey.astype(np.uint16) * 257, "colour.png": np.repeat(grey[:, :, None], 3, 2)}
+    for name, picture in pictures.items():
+        cv2.imwrite(str(tmp_path / name), picture)
+        mask = load_mask(CompassConfig(mask=str(tmp_path / name)))
+        np.testing.assert_array_equal(mask.robot, grey > 127)

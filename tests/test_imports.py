@@ -15,7 +15,8 @@ ROOMS = {
     "fusion/simulation": NUMERICS | {"compass", "fusion"},
     "fusion/offline": NUMERICS | {"compass", "fusion", "rosbags", "matplotlib", "click", "rich", "yaml"},
 }
-ALSO = {"fusion/settings.py": {"yaml"}}  # the one reader of parameter files
+# parameter files are read by the one and written by the other
+ALSO = {"fusion/bounded_yaml.py": {"yaml"}, "fusion/settings.py": {"yaml"}}
 NEVER = {
     "compass": ("fusion",),
     "fusion": ("fusion.offline", "fusion.simulation"),

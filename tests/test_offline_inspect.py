@@ -94,3 +94,85 @@ def test_timing_single_message_has_no_rate():
     found = timing(np.array([START_NS]), np.array([START_NS + 5_000_000]))
     assert math.isnan(found.rate_hz)
     assert found.delay_s == pytest.approx(0.005)
+
+
+# ---------------------------------------------------------------- what fuse would stumble over
+
+
+def report_of(path, *topics: tuple[str, list[int]]) -> str:
+    """Inspect a bag of topics with these stamps, ns."""
+    with TinyBag(path) as bag:
+        for name, stamps in topics:
+            for t_ns in stamps:
+                if name.startswith("/imu"):
+                    bag.imu(name, t_ns, 0.0)
+                else:
+                    bag.odometry(name, t_ns, 0.0, 0.0)
+    return inspect_bag(path, Settings())
+
+
+def found(report: str) -> list[str]:
+    return [line.removeprefix("problem: ") for line in report.splitlines() if line.startswith("problem: ")]
+
+
+def every(ms: int, count: int = 50, start_ns: int = START_NS) -> list[int]:
+    return [start_ns + i * ms * 10**6 for i in range(count)]
+
+
+def test_inspect_sound_bag_has_no_problem(tiny_bag, tmp_path):
+    assert found(inspect_bag(tiny_bag, Settings())) == []
+    # sensors that start and stop at different times, all since power-up, are none either
+    stamps = [("/imu/data", every(10, 50, 10**9)), ("/odom", every(10, 50, 10**9 + 4 * 10**8))]
+    assert found(report_of(tmp_path / "b", *stamps)) == []
+
+
+def test_inspect_stamps_since_power_up_beside_dates_are_told(tmp_path):
+    report = report_of(tmp_path / "b", ("/imu/data", every(10, 50, 2128 * 10**9)), ("/odom", every(10)))
+    (problem,) = found(report)
+    assert "no time in common" in problem
+    assert "/imu/data from 2128.0 to 2128.5 s (since power-up" in problem
+    assert "/odom from 2023-11-14 22:13:20 to 2023-11-14 22:13:20" in problem
+
+
+def test_inspect_topics_an_hour_apart_are_told_but_not_for_one_wrong_stamp(tmp_path):
+    later = START_NS + 3600 * 10**9
+    (problem,) = found(report_of(tmp_path / "a", ("/imu/data", every(10)), ("/odom", every(10, 50, later))))
+    assert "no time in common" in problem
+    (problem,) = found(report_of(tmp_path / "b", ("/imu/data", [*every(10), 5]), ("/odom", every(10, 60))))
+    assert problem == "/imu/data: 1 stamps are more than a day from the others"
+    # one stamp of the right time does not make two topics overlap
+    wrong = [*every(10, 60, 2128 * 10**9), START_NS]
+    assert any(
+        "no time in common" in p for p in found(report_of(tmp_path / "c", ("/imu", wrong), ("/odom", every(10))))
+    )
+
+
+def test_inspect_stamps_never_set_or_repeated_are_told(tmp_path):
+    report = report_of(tmp_path / "b", ("/imu/data", [0, 0, *every(10)]), ("/odom", [START_NS] * 20))
+    assert found(report) == [
+        "/imu/data: 2 stamps were never set; they are left out",
+        "/odom: 19 of 20 stamps repeat the one before; they are no times of capture",
+    ]
+
+
+@pytest.mark.parametrize("recorded_ns", [0, -5, 2**63 - 1, 2**63 - 2, 2**64 - 5, -(2**63) + 7, 7_300_000_000 * 10**9])
+@pytest.mark.parametrize("storage", ["mcap", "sqlite3"])
+def test_inspect_record_times_that_cannot_be_are_told(tmp_path, storage, recorded_ns):
+    if (storage == "mcap" and recorded_ns < 0) or (storage == "sqlite3" and recorded_ns >= 2**63):
+        pytest.skip("the format has no such number")
+    with TinyBag(tmp_path / "b", storage=storage) as bag:
+        for i in range(3):
+            bag.recorded_ns = recorded_ns - 1000 if i == 1 else START_NS + 5_000_000
+            bag.imu("/imu/data", START_NS, 0.0)
+    report = inspect_bag(tmp_path / "b", Settings())
+    assert cells(report, "/imu/data")["delay s"] == "0.005"
+    assert any("/imu/data: 1 record times cannot be" in problem for problem in found(report))
+
+
+def test_inspect_tells_the_faults_of_the_files(tmp_path):
+    with TinyBag(tmp_path / "b") as bag:
+        bag.imu("/imu/data", START_NS, 0.0)
+    (tmp_path / "b" / "metadata.yaml").unlink()
+    assert ["metadata.yaml is missing" in problem for problem in found(inspect_bag(tmp_path / "b", Settings()))] == [
+        True
+    ]

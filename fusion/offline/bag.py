@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import logging
 import struct
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -13,8 +15,26 @@ from typing import Any, Literal
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
-from compass.errors import VisualCompassError
+from fusion.offline.metadata import contradictions
+from fusion.offline.staging import scratch_folder
+from fusion.offline.storage import (
+    MCAP,
+    ROS1,
+    SQLITE,
+    WANTED,
+    BagError,
+    Workshop,
+    check_mcap,
+    check_sqlite,
+    find_files,
+    kind_of,
+    unpacked,
+)
 from fusion.offline.to_ros2 import Ros2Converter
+
+__all__ = ["COMPRESSED_IMAGE", "IMAGE", "IMU", "ODOMETRY", "Bag", "BagError", "Message", "Topic", "stamp_of"]
+
+log = logging.getLogger(__name__)
 
 IMU = "sensor_msgs/msg/Imu"
 IMAGE = "sensor_msgs/msg/Image"
@@ -22,10 +42,9 @@ COMPRESSED_IMAGE = "sensor_msgs/msg/CompressedImage"
 ODOMETRY = "nav_msgs/msg/Odometry"
 
 _CUT = ("truncated", "end magic", "index", "could not read", "expected", "malformed", "footer", "seek")
-
-
-class BagError(VisualCompassError):
-    """A bag that cannot be read, or has not what is asked of it."""
+# how other systems call their encodings where the library knows none but those of ROS 2
+_FOREIGN = ("ros1msg", "protobuf", "jsonschema", "flatbuffer", "json", "ros1", "cbor", "msgpack")
+_OURS = "only those of ROS 2 (cdr, ros2msg or ros2idl) are read"
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,40 +87,98 @@ class Message:
 class Bag(AbstractContextManager["Bag"]):
     """Read access to a bag; use it in a ``with`` statement.
 
+    Parameters
+    ----------
+    path : path
+        A ROS 1 bag, an MCAP, an sqlite3 file or a rosbag2 folder, whatever its name.
+    tell : bool
+        Whether to log `faults` as warnings.
+
+    Attributes
+    ----------
+    topics : list of Topic
+        What is in it, by what the files themselves say.
+    faults : list of str
+        What is wrong with it and yet no reason not to read it, a sentence each: metadata that contradicts the files, a
+        recorder that was killed. More may come up while messages are read.
+
     Raises
     ------
     BagError
         On entry or while reading: no such file, not a bag, or a damaged one.
     """
 
-    def __init__(self, path: Path | str) -> None:
+    def __init__(self, path: Path | str, *, tell: bool = True) -> None:
         self.path = Path(path)
         self.topics: list[Topic] = []
+        self.faults: list[str] = []
+        self._tell = tell
+        self._names: dict[str, str] = {}
 
     def __enter__(self) -> Bag:
-        if not self.path.exists():
-            raise BagError(f"{self.path}: no such file; give a .bag, an .mcap, a .db3 or a rosbag2 folder")
-        if self.path.is_dir() and not (self.path / "metadata.yaml").exists():
-            raise BagError(f"{self.path}: no bag: a rosbag2 folder has a metadata.yaml; give that, or the file in it")
+        files, metadata, faults = find_files(self.path)
         if self.path.is_dir() and self.path.suffix == ".bag":
             raise BagError(f"{self.path}: a rosbag2 folder with the name of a ROS 1 bag; rename it, without .bag")
-        self._standard = get_typestore(Stores.ROS1_NOETIC if self.path.suffix == ".bag" else Stores.ROS2_JAZZY)
-        self._guarded(_check_sqlite_size, self.path)
-        self._reader = self._guarded(self._open)
-        self.topics = [
-            Topic(name, info.msgtype or "mixed types", info.msgcount) for name, info in self._reader.topics.items()
-        ]
+        with ExitStack() as stack:
+            workshop = Workshop(lambda: stack.enter_context(scratch_folder()))
+            readable = [self._guarded(self._made_readable, workshop, file) for file in files]
+            self._standard = get_typestore(Stores.ROS1_NOETIC if readable[0].suffix == ROS1 else Stores.ROS2_JAZZY)
+            self._reader = self._guarded(self._open, readable)
+            stack.callback(self._reader.close)
+            self.topics = self._guarded(self._count_topics)
+            self._stack = stack.pop_all()
+        for fault in (*faults, *workshop.faults):
+            self._note(fault)
+        if metadata is not None:
+            counts = {topic.name: topic.count for topic in self.topics}
+            for fault in contradictions(metadata, counts, self.start_ns, int(self._reader.duration) - 1):
+                self._note(fault)
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._reader.close()
+        self._stack.close()
 
-    def _open(self) -> AnyReader:
-        reader = AnyReader([self.path], default_typestore=self._standard)
+    def _made_readable(self, workshop: Workshop, file: Path) -> Path:
+        readable = workshop.readable(file)
+        self._names[str(readable)] = file.name
+        if readable.suffix not in (ROS1, MCAP, SQLITE):
+            raise BagError(f"{file.name} holds no bag; {WANTED}")
+        if readable.suffix == SQLITE:
+            check_sqlite(readable)
+        elif readable.suffix == MCAP:
+            check_mcap(readable)
+        return readable
+
+    def _open(self, files: Sequence[Path]) -> AnyReader:
+        reader = AnyReader(files, default_typestore=self._standard)
         reader.open()
         return reader
+
+    def _count_topics(self) -> list[Topic]:
+        """Topics with the counts of the index, or, where it has none, of the messages."""
+        found = self._reader.topics
+        counts = {name: info.msgcount for name, info in found.items()}
+        if not any(counts.values()) and self._reader.message_count:
+            counts = Counter(connection.topic for connection, _, _ in self._reader.messages())
+        foreign = {c.topic: c.ext.serialization_format for c in self._reader.connections if not _is_cdr(c)}
+        if foreign and len(foreign) == len(found):
+            raise BagError(f"its messages are encoded as {next(iter(foreign.values()))!r}; {_OURS}")
+        for topic, encoding in foreign.items():
+            self._note(f"{topic} is encoded as {encoding!r}, which is not read")
+        return [
+            Topic(name, info.msgtype or "mixed types", counts.get(name, 0))
+            for name, info in found.items()
+            if name not in foreign
+        ]
+
+    def _note(self, fault: str) -> None:
+        """Remember what is wrong, and tell it once."""
+        if fault not in self.faults:
+            self.faults.append(fault)
+            if self._tell:
+                log.warning("%s: %s", self.path, fault)
 
     def has_header(self, msgtype: str) -> bool:
         """Whether messages of this type begin with a ``std_msgs/Header``, and so have a stamp."""
@@ -110,16 +187,26 @@ class Bag(AbstractContextManager["Bag"]):
 
     def messages(self, *topics: str) -> Iterator[Message]:
         """Messages of the named topics, in the order of the bag."""
-        connections = [c for c in self._reader.connections if c.topic in topics and self.has_header(c.msgtype)]
+        connections = [
+            c for c in self._reader.connections if c.topic in topics and self.has_header(c.msgtype) and _is_cdr(c)
+        ]
         if not connections:
             return
         for msgtype in {connection.msgtype for connection in connections}:
             self._guarded(self._check_definition, msgtype)
-        recorded = self._reader.messages(connections)
+        recorded, seen = self._reader.messages(connections), 0
         while (item := self._guarded(next, recorded, None)) is not None:
-            connection, record_ns, raw = item
-            stamp_ns = self._guarded(stamp_of, raw, self._reader.is2)
-            yield Message(connection.topic, connection.msgtype, record_ns, stamp_ns, raw)
+            yield self._guarded(self._message, *item)
+            seen += 1
+        counted = sum(c.msgcount for c in connections)
+        if seen != counted:
+            names = ", ".join(sorted({connection.topic for connection in connections}))
+            self._note(f"{names}: {counted} messages by the index, {seen} were found")
+
+    def _message(self, connection: Any, record_ns: Any, raw: Any) -> Message:
+        raw = unpacked(raw)
+        stamp_ns = stamp_of(raw, self._reader.is2)
+        return Message(connection.topic, connection.msgtype, int(record_ns), stamp_ns, raw)
 
     @property
     def start_ns(self) -> int:
@@ -143,6 +230,7 @@ class Bag(AbstractContextManager["Bag"]):
         recorded = self._reader.messages(connections, start=max(from_ns, self.start_ns))
         while (item := self._guarded(next, recorded, None)) is not None:
             connection, record_ns, raw = item
+            raw = self._guarded(unpacked, raw)
             cdr = bytes(raw) if converter is None else self._guarded(converter.cdr, raw, connection.msgtype)
             yield Message(connection.topic, connection.msgtype, record_ns, 0, cdr)
 
@@ -162,8 +250,32 @@ class Bag(AbstractContextManager["Bag"]):
         """Call into the bag library, whose parsers meet hostile bytes with exceptions of every kind."""
         try:
             return call(*arguments)
+        except BagError as error:
+            text = str(error)
+            raise BagError(text if text.startswith(str(self.path)) else f"{self.path}: {text}") from None
         except Exception as error:
-            raise BagError(f"{self.path}: {_explain(error, self.path)}") from error
+            raise BagError(f"{self.path}: {self._explain(error)}") from error
+
+    def _explain(self, error: Exception) -> str:
+        """Say whether the file ends too early, or is of another system, and what helps."""
+        detail = " ".join(str(error).split()).rstrip(".") or type(error).__name__
+        for readable, name in self._names.items():
+            detail = detail.replace(readable, name)
+        if isinstance(error, OSError) and error.strerror:
+            return f"cannot be read: {error.strerror}"
+        if isinstance(error, KeyError) and detail.strip("'") in _FOREIGN:
+            return f"its messages are encoded as {detail}; {_OURS}"
+        if "missing tables" in detail:
+            return "an SQLite database, but no bag: it has no tables 'messages' and 'topics'"
+        if self.path.name.endswith(".active"):
+            return f"the recorder did not finish it ({detail}); {_remedy(self.path)}"
+        cut = any(word in detail.lower() for word in _CUT)
+        return f"bag is {'truncated or ' if cut else ''}damaged ({detail}); {_remedy(self.path)}"
+
+
+def _is_cdr(connection: Any) -> bool:
+    """Whether the messages are serialised as this system does it; in ROS 1 they all are."""
+    return getattr(connection.ext, "serialization_format", "cdr") == "cdr"
 
 
 def stamp_of(raw: bytes, is_ros2: bool) -> int:
@@ -173,47 +285,15 @@ def stamp_of(raw: bytes, is_ros2: bool) -> int:
     same place in both.
     """
     order = ">" if is_ros2 and not raw[1] & 1 else "<"
-    sec, nanosec = struct.unpack_from(f"{order}iI", raw, 4)
+    sec, nanosec = struct.unpack_from(f"{order}iI" if is_ros2 else "<II", raw, 4)
     return int(sec) * 1_000_000_000 + int(nanosec)
-
-
-def _check_sqlite_size(path: Path) -> None:
-    """Compare a database's size with its header's: the library reads a missing end as zeros."""
-    for file in path.glob("*.db3") if path.is_dir() else [path]:
-        with file.open("rb") as opened:
-            header = opened.read(100)
-        if header.startswith(b"SQLite format 3\0") and len(header) == 100:
-            page, pages = struct.unpack_from(">H", header, 16)[0], struct.unpack_from(">I", header, 28)[0]
-            page = 65536 if page == 1 else page
-            if file.stat().st_size < page * pages:
-                raise ValueError(f"truncated: {file.stat().st_size} of {page * pages} bytes")
-
-
-def _explain(error: Exception, path: Path) -> str:
-    """Say whether the file is no bag at all, or one that ends too early, and what helps."""
-    detail = " ".join(str(error).split()).rstrip(".") or type(error).__name__
-    if isinstance(error, OSError) and error.strerror:
-        return f"cannot be read: {error.strerror}"
-    if _looks_like_bag(path) and any(word in detail.lower() for word in _CUT):
-        return f"bag is truncated or damaged ({detail}); {_remedy(path)}"
-    if not _looks_like_bag(path):
-        return f"not a bag ({detail}); give a .bag, an .mcap, a .db3 or a rosbag2 folder"
-    return f"bag is damaged ({detail}); {_remedy(path)}"
-
-
-def _looks_like_bag(path: Path) -> bool:
-    """Whether the file begins as a bag does."""
-    if path.is_dir():
-        return True
-    with path.open("rb") as file:
-        begin = file.read(16)
-    return begin.startswith((b"#ROSBAG V2.0", b"\x89MCAP0\r\n", b"SQLite format 3\0"))
 
 
 def _remedy(path: Path) -> str:
     """The tool that saves what can be saved of a bag."""
-    if path.suffix == ".bag":
-        return "'rosbag reindex' may save it"
-    if path.suffix == ".mcap":
+    kind = "" if path.is_dir() else kind_of(path)
+    if kind == ROS1:
+        return f"'rosbag reindex {path.name}' may save it"
+    if kind == MCAP:
         return f"'mcap recover {path.name} -o saved.mcap' may save it"
     return f"'ros2 bag reindex {path.name}' may save it"

@@ -7,6 +7,7 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
+from fusion.offline.bag import BagError
 from fusion.offline.evaluate import Outcome, evaluate_bag, evaluate_experiments
 from fusion.offline.staging import staged_file
 from fusion.offline.summary import warning_lines
@@ -44,6 +45,8 @@ def run_evaluation(
     drifts, warnings = {}, {}
     for bag in bags:
         found = evaluate_bag(bag, settings, request, smooth)
+        if not found.outcomes and not found.drifts:
+            raise BagError(f"{bag}: nothing to score: no yaw has two times in common with the truth, or with GPS fixes")
         outcomes += found.outcomes
         drifts[str(bag)], warnings[str(bag)] = found.drifts, found.warnings
     default = settings.compass.method

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from array import array
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from datetime import datetime, timezone
 from pathlib import Path
 
 import cv2
@@ -12,12 +14,19 @@ import numpy as np
 from compass import CompassConfig, ImageError
 from compass.image import Image, to_grey
 from fusion.messages import image_of
-from fusion.offline.bag import COMPRESSED_IMAGE, IMAGE, Bag, BagError, Topic
+from fusion.offline.bag import COMPRESSED_IMAGE, IMAGE, IMU, ODOMETRY, Bag, BagError, Topic
 from fusion.offline.console import progress_bar, table
 from fusion.offline.recording import Floats, Times
 from fusion.offline.staging import staged_file
-from fusion.offline.topics import TopicRequest, choose_topics
+from fusion.offline.topics import TopicRequest, choose_topics, is_depth
 from fusion.settings import Settings
+
+_FUSED = (IMU, ODOMETRY, IMAGE, COMPRESSED_IMAGE)
+MOST = (0.02, 0.98, 0.5)  # from where to where nearly all stamps lie, and their median, as parts of all
+DAY_NS = 86_400_000_000_000  # longer than a drive
+YEAR_2000_NS = 946_684_800_000_000_000  # before it no bag was recorded
+YEAR_2200_NS = 7_258_118_400_000_000_000
+LATEST_NS = 2**63 - 1
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,7 +42,11 @@ class Timing:
     backward, repeated, zero : int
         Stamps smaller than the one recorded before, equal to it, and never set.
     delay_s : float
-        Median of record time minus stamp, s.
+        Median of record time minus stamp, s; NaN without a record time that can be.
+    begin_ns, end_ns : int
+        Between which nearly all stamps lie, ns: single wrong ones do not count. 0 without stamps.
+    elsewhere, unrecorded : int
+        Stamps more than a day from most others, and record times that cannot be.
     """
 
     rate_hz: float
@@ -42,20 +55,32 @@ class Timing:
     repeated: int
     zero: int
     delay_s: float
+    begin_ns: int = 0
+    end_ns: int = 0
+    elsewhere: int = 0
+    unrecorded: int = 0
 
 
 def timing(stamps: Times, recorded: Times) -> Timing:
     """Judge the stamps of a topic, in the order of recording."""
+    possible = (recorded > 0) & (recorded < YEAR_2200_NS)
+    delays = (recorded - stamps)[possible & (stamps > 0)]
     zero = int(np.count_nonzero(stamps <= 0))
-    stamps, recorded = stamps[stamps > 0], recorded[stamps > 0]
-    steps: Floats = np.diff(np.sort(stamps)).astype(np.float64) * 1e-9
+    stamps = stamps[stamps > 0]
+    ordered = np.sort(stamps)
+    steps: Floats = np.diff(ordered).astype(np.float64) * 1e-9
+    begin, end, median = (int(ordered[int(part * (ordered.size - 1))]) if ordered.size else 0 for part in MOST)
     return Timing(
         float(1.0 / np.median(steps)) if steps.size and np.median(steps) > 0.0 else float("nan"),
         float(steps.max()) if steps.size else float("nan"),
         int(np.count_nonzero(np.diff(stamps) < 0)),
         int(np.count_nonzero(np.diff(stamps) == 0)),
         zero,
-        float(np.median(recorded - stamps) * 1e-9) if stamps.size else float("nan"),
+        float(np.median(delays) * 1e-9) if delays.size else float("nan"),
+        begin,
+        end,
+        int(np.count_nonzero(np.abs(ordered - median) > DAY_NS)),
+        int(np.count_nonzero(~possible)),
     )
 
 
@@ -69,10 +94,11 @@ def inspect_bag(
     BagError
         The bag cannot be read, or a preview is asked for and there is no usable image.
     """
-    with Bag(path) as bag:
+    with Bag(path, tell=False) as bag:
         timings = _timings(bag)
         lines = [table(_HEADER, [_line(topic, timings.get(topic.name)) for topic in bag.topics], 2)]
         lines += ["", *_images(bag), *_roles(bag, settings, request)]
+        lines += [f"problem: {problem}" for problem in (*bag.faults, *problems(bag.topics, timings))]
         if roi_preview is not None:
             topic = choose_topics(bag, settings.topics, request).image
             if topic is None:
@@ -108,7 +134,7 @@ def _timings(bag: Bag) -> dict[str, Timing]:
     with progress_bar("reading stamps") as progress:
         for count, message in enumerate(bag.messages(*stamps)):
             stamps[message.topic][0].append(message.stamp_ns)
-            stamps[message.topic][1].append(message.record_ns)
+            stamps[message.topic][1].append(min(max(message.record_ns, -1), LATEST_NS))
             if count % 500 == 0:
                 progress(count / total)
     return {
@@ -116,6 +142,55 @@ def _timings(bag: Bag) -> dict[str, Timing]:
         for name, (stamp, record) in stamps.items()
         if len(stamp)
     }
+
+
+def problems(topics: Sequence[Topic], timings: Mapping[str, Timing]) -> list[str]:
+    """What is wrong with the stamps of the topics that could be fused, a sentence each."""
+    found = []
+    usable = [t for t in topics if t.name in timings and t.msgtype in _FUSED and not is_depth(t)]
+    used = {topic.name: timings[topic.name] for topic in usable}
+    for name, count in ((topic.name, topic.count) for topic in usable):
+        one = used[name]
+        if one.zero:
+            found.append(f"{name}: {one.zero} stamps were never set; they are left out")
+        if 10 * one.repeated > count:
+            found.append(
+                f"{name}: {one.repeated} of {count} stamps repeat the one before; they are no times of capture"
+            )
+        if one.elsewhere:
+            found.append(f"{name}: {one.elsewhere} stamps are more than a day from the others")
+        if one.unrecorded:
+            found.append(
+                f"{name}: {one.unrecorded} record times cannot be (before 1970 or after 2200); they are not used"
+            )
+    groups = _at_one_time({name: one for name, one in used.items() if one.end_ns})
+    if len(groups) > 1:
+        spans = "; ".join(f"{', '.join(group)} {_span([used[name] for name in group])}" for group in groups)
+        found.append(f"topics have no time in common by their stamps, and cannot be fused: {spans}")
+    return found
+
+
+def _at_one_time(timings: Mapping[str, Timing]) -> list[list[str]]:
+    """Topics in groups whose stamps overlap, in the order of time."""
+    groups: list[list[str]] = []
+    end_ns = 0
+    for name, one in sorted(timings.items(), key=lambda item: item[1].begin_ns):
+        if groups and one.begin_ns <= end_ns:
+            groups[-1].append(name)
+        else:
+            groups.append([name])
+            end_ns = 0
+        end_ns = max(end_ns, one.end_ns)
+    return groups
+
+
+def _span(timings: Sequence[Timing]) -> str:
+    """From when to when, in words: a date, or seconds where the clock does not know the date."""
+    begin_ns, end_ns = min(one.begin_ns for one in timings), max(one.end_ns for one in timings)
+    if begin_ns < YEAR_2000_NS:
+        return f"from {begin_ns * 1e-9:.1f} to {end_ns * 1e-9:.1f} s (since power-up, not since 1970)"
+    begin, end = (datetime.fromtimestamp(t // 10**9, timezone.utc) for t in (begin_ns, end_ns))
+    return f"from {begin:%Y-%m-%d %H:%M:%S} to {end:%Y-%m-%d %H:%M:%S}"
 
 
 def _images(bag: Bag) -> list[str]:

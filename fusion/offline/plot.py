@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 COLOURS = {FUSED: "#D55E00", COMPASS: "#0072B2", GYRO: "#009E73", TRACKS: "#CC79A7", SMOOTHED: "#56B4E9"}
 SENSOR_COLOURS = {Sensor.COMPASS: COLOURS[COMPASS], Sensor.GYRO: COLOURS[GYRO], Sensor.TRACKS: COLOURS[TRACKS]}
 WIDTH = 11.0  # inches
+LARGEST = 1e9  # on an axis, in its unit; beyond, numbers are nonsense, and matplotlib finds no ticks
 MOST_POINTS = 2000  # per curve; more cannot be seen
 
 Panel = Callable[["Axes", FusedRun, "_Clock"], None]
@@ -59,7 +60,8 @@ def plot_run(run: FusedRun, path: Path, title: str) -> None:
         axis.grid(color="0.9", linewidth=0.8)
         axis.set_axisbelow(True)
         axis.spines[["top", "right"]].set_visible(False)
-        axis.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False, fontsize=9)
+        if axis.get_legend_handles_labels()[0]:
+            axis.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False, fontsize=9)
     figure.align_ylabels(axes)
     axes[-1].set_xlabel("time since start [s]")
     axes[-1].set_xlim(0.0, max(float(clock(run.t_ns)[-1]), 1e-3))
@@ -70,15 +72,17 @@ def plot_run(run: FusedRun, path: Path, title: str) -> None:
 def _panels(run: FusedRun) -> list[Panel]:
     """The panels there is something to show in."""
     panels: list[Panel] = [_yaws]
-    if run.truth is not None:
+    tracks = yaw_tracks(run)
+    if _true_errors(run):
         panels.append(_errors)
-    elif len(yaw_tracks(run)) > 1:
+    elif len(tracks) > 1 and FUSED in tracks:
         panels.append(_differences)
     if any(row.compass for row in run.rows):
         panels.append(_confidence)
-    if run.gyro.t_ns.size:
+    estimated = any(row.fused for row in run.rows)
+    if run.gyro.t_ns.size and estimated:
         panels.append(_bias)
-    if run.odometry.t_ns.size:
+    if run.odometry.t_ns.size and estimated:
         panels.append(_scale)
     panels.append(_innovations)
     return panels
@@ -88,11 +92,11 @@ def _yaws(axis: Axes, run: FusedRun, clock: _Clock) -> None:
     """Accumulated yaw of all sources."""
     if run.truth is not None:
         t_ns, yaw = _thin(run.truth.t_ns, run.truth.yaw)
-        axis.plot(clock(t_ns), np.degrees(yaw - yaw[0]), color="0.7", linewidth=5, label="truth")
+        axis.plot(clock(t_ns), np.degrees(yaw - _first(run.truth.yaw)), color="0.7", linewidth=5, label="truth")
     for name, track in yaw_tracks(run).items():
         t_ns, yaw = _thin(track.t_ns, track.yaw)
         start = _start(run, track)
-        axis.plot(clock(t_ns), np.degrees(yaw - track.yaw[0] + start), **_style(name))
+        axis.plot(clock(t_ns), np.degrees(yaw - _first(track.yaw) + start), **_style(name))
     axis.set_ylabel("yaw [deg]\nleft is positive")
 
 
@@ -101,15 +105,32 @@ def _start(run: FusedRun, track: YawTrack) -> float:
     reference = run.truth or yaw_tracks(run).get(FUSED)
     if reference is None:
         return 0.0
-    return float(yaw_at(reference, track.t_ns[:1])[0] - reference.yaw[0])
+    turned = float(yaw_at(reference, track.t_ns[:1])[0] - _first(reference.yaw))
+    return turned if math.isfinite(turned) else 0.0
+
+
+def _first(values: Floats) -> float:
+    """The first number that is one; 0 where none is."""
+    known = values[np.isfinite(values)]
+    return float(known[0]) if known.size else 0.0
+
+
+def _most(values: Floats) -> float:
+    """The largest magnitude of the numbers that are ones; 0 where none is."""
+    return float(np.max(np.abs(values), initial=0.0, where=np.isfinite(values)))
+
+
+def _true_errors(run: FusedRun) -> dict[str, YawTrack]:
+    """Errors of the sources that have two times in common with a truth."""
+    if run.truth is None:
+        return {}
+    found = {name: errors(track, run.truth) for name, track in yaw_tracks(run).items()}
+    return {name: error for name, error in found.items() if error}
 
 
 def _errors(axis: Axes, run: FusedRun, clock: _Clock) -> None:
     """Errors against the truth; the fused one with the error the filter itself expects."""
-    if run.truth is None:
-        return
-    found = {name: errors(track, run.truth) for name, track in yaw_tracks(run).items()}
-    _deviations(axis, {name: error for name, error in found.items() if error}, clock)
+    _deviations(axis, _true_errors(run), clock)
     axis.set_ylabel("error [deg]\nagainst truth")
 
 
@@ -120,26 +141,27 @@ def _differences(axis: Axes, run: FusedRun, clock: _Clock) -> None:
     strayed = {FUSED: YawTrack(fused.t_ns, np.zeros(fused.t_ns.size), fused.sigma)}
     for name, track in tracks.items():
         difference = track.yaw - yaw_at(fused, track.t_ns)
-        strayed[name] = YawTrack(track.t_ns, difference - difference[0])
+        strayed[name] = YawTrack(track.t_ns, difference - _first(difference))
     _deviations(axis, strayed, clock)
     axis.set_ylabel("difference [deg]\nto fused yaw")
 
 
 def _deviations(axis: Axes, tracks: dict[str, YawTrack], clock: _Clock) -> None:
-    """Curves about zero; the view keeps to the good ones, a source far off leaves it."""
+    """Curves about zero; the view keeps to the good ones: sources far off leave it, and so does a wide band."""
     axis.axhline(0.0, color="0.5", linewidth=0.8)
-    reach = {}
+    reach = {name: _most(np.degrees(track.yaw)) for name, track in tracks.items()}
+    good = [reach[name] for name in (FUSED, COMPASS) if name in reach]
     for name, track in tracks.items():
         t_ns, yaw = _thin(track.t_ns, np.degrees(track.yaw))
         label = f"{name}: {yaw[-1]:+.2f} at the end"
         axis.plot(clock(t_ns), yaw, **(_style(name) | {"label": label}))
-        reach[name] = float(np.max(np.abs(yaw)))
         if name == FUSED and track.sigma is not None:
             _, sigma = _thin(track.t_ns, np.degrees(2.0 * track.sigma))
             axis.fill_between(clock(t_ns), -sigma, sigma, **_band("fused, expected (95 %)"))
-            reach[name] = max(reach[name], float(sigma.max()))
-    good = max((reach[name] for name in (FUSED, COMPASS) if name in reach), default=math.inf)
-    limit = 1.1 * max(min(max(reach.values()), 4.0 * good), 1e-3)
+            # a sigma that grows without end must not flatten the curves
+            good.append(min(_most(sigma), 4.0 * max(reach.values()) or math.inf))
+    most = max((*reach.values(), *good), default=0.0)
+    limit = 1.1 * min(max(min(most, 4.0 * max(good, default=math.inf)), 1e-3), LARGEST)
     axis.set_ylim(-limit, limit)
 
 
@@ -180,12 +202,17 @@ def _learnt(
     """A state with its band, the view fitted to where it has settled."""
     t_ns, _ = _thin(np.array([t for t, _, _ in values], np.int64), np.zeros(len(values)))
     _, state = _thin(t_ns, np.array([value for _, value, _ in values]) * unit, of=len(values))
-    _, sigma = _thin(t_ns, np.array([math.sqrt(variance) for _, _, variance in values]) * unit, of=len(values))
+    variances = np.array([variance for _, _, variance in values], np.float64)
+    _, sigma = _thin(t_ns, np.sqrt(np.maximum(variances, 0.0)) * unit, of=len(values))
     axis.plot(clock(t_ns), state, color=colour, label=name)
     axis.fill_between(clock(t_ns), state - 2.0 * sigma, state + 2.0 * sigma, color=colour, alpha=0.2, linewidth=0)
     settled = slice(len(state) // 10, None)
-    low, high = (state - 3.0 * sigma)[settled].min(), (state + 3.0 * sigma)[settled].max()
-    axis.set_ylim(low, high + 1e-9)
+    known = np.isfinite(state[settled]) & np.isfinite(sigma[settled])
+    if known.any():
+        seen, wide = state[settled][known], 3.0 * float(np.median(sigma[settled][known]))
+        low, high = np.clip((seen.min() - wide, seen.max() + wide), -LARGEST, LARGEST).tolist()
+        margin = 1e-9 + 1e-6 * max(abs(low), abs(high))
+        axis.set_ylim(low - margin, high + margin)
 
 
 def _innovations(axis: Axes, run: FusedRun, clock: _Clock) -> None:
@@ -208,7 +235,7 @@ def _innovations(axis: Axes, run: FusedRun, clock: _Clock) -> None:
 
 def _normalised(row: Row, sensor: Sensor) -> float:
     report = row.gates[sensor]
-    return report.innovation / report.innovation_sigma
+    return report.innovation / report.innovation_sigma if report.innovation_sigma > 0.0 else math.nan
 
 
 def _style(name: str) -> dict[str, Any]:

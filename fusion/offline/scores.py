@@ -73,14 +73,17 @@ def tracks_alone(odometry: OdometryTrack) -> YawTrack:
 
 
 def errors(track: YawTrack, truth: TruthTrack) -> YawTrack | None:
-    """Error of a track at its times within the truth, zero at the first; None without two common times."""
-    inside = (track.t_ns >= truth.t_ns[0]) & (track.t_ns <= truth.t_ns[-1]) & np.isfinite(track.yaw)
+    """Error of a track at its times within the truth, zero at the first; None without two common times.
+
+    Times at which the truth or the track is NaN are left out.
+    """
+    error = track.yaw - yaw_at(truth, track.t_ns)
+    inside = (track.t_ns >= truth.t_ns[0]) & (track.t_ns <= truth.t_ns[-1]) & np.isfinite(error)
     if np.count_nonzero(inside) < 2:
         return None
-    t_ns = track.t_ns[inside]
-    error = track.yaw[inside] - yaw_at(truth, t_ns)
+    error = error[inside]
     sigma = None if track.sigma is None else track.sigma[inside]
-    return YawTrack(t_ns, error - error[0], sigma)
+    return YawTrack(track.t_ns[inside], error - error[0], sigma)
 
 
 def score(track: YawTrack, truth: TruthTrack) -> Score | None:

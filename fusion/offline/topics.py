@@ -9,6 +9,7 @@ from fusion.offline.bag import COMPRESSED_IMAGE, IMAGE, IMU, ODOMETRY, Bag, BagE
 from fusion.settings import TopicSettings
 
 NONE = "none"
+DEPTH = "/compressedDepth"  # the suffix that image_transport's depth plugin adds
 TRUTH_TOPIC = "/ground_truth/odom"  # where simulated bags keep it
 
 
@@ -71,7 +72,12 @@ def _choose(
     """One topic of one of `kinds`; earlier kinds win where the same camera is there twice."""
     if requested == NONE:
         return None
-    candidates = [topic for kind in kinds for topic in bag.topics if topic.msgtype == kind and topic.count > 0]
+    candidates = [
+        topic
+        for kind in kinds
+        for topic in bag.topics
+        if topic.msgtype == kind and topic.count > 0 and not is_depth(topic)
+    ]
     if requested is not None:
         return _requested(bag, candidates, requested, kinds, option)
     candidates = [topic for topic in candidates if topic.name not in taken]
@@ -97,9 +103,16 @@ def _requested(bag: Bag, candidates: Sequence[Topic], name: str, kinds: Sequence
     names = ", ".join(topic.name for topic in candidates) or NONE
     other = next((topic for topic in bag.topics if topic.name == name), None)
     fault = "not in the bag"
-    if other:
+    if other and is_depth(other):
+        fault = "is a compressedDepth image, distances and no picture"
+    elif other:
         fault = f"is of type {other.short_type}" if other.count else "has no messages"
     raise BagError(f"{bag.path}: {option} {name} {fault}; topics of type {_types(kinds)}: {names}")
+
+
+def is_depth(topic: Topic) -> bool:
+    """Whether image_transport's depth compression made the topic: the type is that of a picture, the content is not."""
+    return topic.msgtype == COMPRESSED_IMAGE and topic.name.endswith(DEPTH)
 
 
 def _base(topic: Topic) -> str:

@@ -1,0 +1,74 @@
+"""YAML within bounds: what a person writes is read, what would take all memory or time is refused."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import yaml
+
+DEEPEST = 32  # levels; a ROS parameter file has four, a bag's metadata six
+MOST_VALUES = 50_000  # keys and values; read in half a second, and a hundred times as many as a robot has parameters
+LONGEST_VALUE = 1024  # characters; above, a number takes long to convert and no path is that long
+
+
+class YamlError(ValueError):
+    """Text that is not YAML, or no such YAML as a person writes, in one line."""
+
+
+def parse_yaml(text: str, longest_value: int = LONGEST_VALUE, *, as_text: bool = False) -> Any:
+    """The content of one YAML document, made of plain Python types.
+
+    Parameters
+    ----------
+    text : str
+        The document.
+    longest_value : int
+        Characters of a key or value at most.
+    as_text : bool
+        Leave every value the text that it is, instead of finding numbers and dates.
+
+    Raises
+    ------
+    YamlError
+        It is not YAML, nested deeper than `DEEPEST`, has a longer value or more of them than `MOST_VALUES`, or refers
+        to itself by an alias: a few lines of aliases stand for billions of values. (ROS parameter files know none.)
+    """
+    # libyaml is twenty times as fast, where PyYAML was built with it
+    plain = getattr(yaml, "CBaseLoader", yaml.BaseLoader) if as_text else getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+    try:
+        _check(text, longest_value, plain)
+        return yaml.load(text, plain)
+    except yaml.MarkedYAMLError as error:
+        place = f" in line {error.problem_mark.line + 1}" if error.problem_mark else ""
+        raise YamlError(_one_line(f"{error.problem or error.context}") + place) from None
+    except yaml.YAMLError as error:
+        raise YamlError(_one_line(error)) from None
+    except YamlError:
+        raise
+    except (ValueError, TypeError, AttributeError, IndexError, KeyError, OverflowError) as error:
+        # a date of the 99th month, `!!int ""` and their like: PyYAML lets the errors of the conversion through
+        raise YamlError(f"a value is not of its type ({_one_line(error)})") from None
+
+
+def _one_line(error: object) -> str:
+    return " ".join(str(error)[:200].split())
+
+
+def _check(text: str, longest_value: int, loader: Any) -> None:
+    """Go once through the events, which takes neither memory nor recursion."""
+    depth = values = 0
+    for event in yaml.parse(text, loader):
+        line = event.start_mark.line + 1 if event.start_mark else 0
+        values += isinstance(event, yaml.NodeEvent)
+        if values > MOST_VALUES:
+            raise YamlError(f"more than {MOST_VALUES} values in {line} lines")
+        if isinstance(event, yaml.AliasEvent):
+            raise YamlError(f"alias *{event.anchor} in line {line}; write the value out, aliases are not read")
+        if isinstance(event, yaml.CollectionStartEvent):
+            depth += 1
+            if depth > DEEPEST:
+                raise YamlError(f"nested deeper than {DEEPEST} levels in line {line}")
+        elif isinstance(event, yaml.CollectionEndEvent):
+            depth -= 1
+        elif isinstance(event, yaml.ScalarEvent) and len(event.value) > longest_value:
+            raise YamlError(f"value of {len(event.value)} characters in line {line}, more than {longest_value}")
