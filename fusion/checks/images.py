@@ -54,7 +54,7 @@ def _turn_lost(compass: VisualCompass) -> Warning | None:
     sigma = math.degrees(math.sqrt(compass.yaw_variance))
     text = (
         f"{what}: {bound} unknown{more}; the raw compass yaw is uncertain by {sigma:.3g} deg since (1 sigma), "
-        "the fused yaw only where no gyro or odometry measured the turn: see to the camera's light, lens, cable and clock"
+        "the fused yaw only where no gyro or odometry measured the turn: see to the camera's light, lens and clock"
     )
     return Warning("turn_lost", "compass", min(lost[0].t_from_ns, lost[0].t_to_ns), text)
 
@@ -79,14 +79,12 @@ def _stamps(history: ImageHistory) -> Warning | None:
             f"late by up to 1 s: {remedy}, with its nanoseconds"
         )
     else:
-        back = (
-            f", {history.backward} go back, by up to {history.furthest_back_ns * 1e-9:.3g} s"
-            if history.backward
-            else ""
-        )
+        back = ""
+        if history.backward:
+            back = f", {history.backward} go back, by up to {history.furthest_back_ns * 1e-9:.3g} s"
         if history.furthest_back_ns > CLOCK_NS:
             remedy = "let one clock stamp them, and play no recording over another"
-        text = f"stamps of {share} do not increase: {history.repeated} repeat{back}; they were left out: {remedy}"
+        text = f"stamps of {share} do not increase: {history.repeated} repeat{back}; such images are left out: {remedy}"
     return Warning("stamps_not_increasing", "compass", since_ns, text)
 
 
