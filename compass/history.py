@@ -19,6 +19,8 @@ class ImageHistory:
     ----------
     images : int
         All so far.
+    first_ns : int
+        Stamp of the first, ns.
     recent : deque of (int, CompassStatus)
         Stamps (ns) and outcomes of the last `RECENT` images.
     repeated, backward : int
@@ -37,6 +39,7 @@ class ImageHistory:
     """
 
     images: int = 0
+    first_ns: int = 0
     recent: deque[tuple[int, CompassStatus]] = field(default_factory=lambda: deque(maxlen=RECENT))
     repeated: int = 0
     backward: int = 0
@@ -48,6 +51,8 @@ class ImageHistory:
 
     def stamped(self, t_ns: int, newest_ns: int | None) -> None:
         """Take note of a stamp, whatever becomes of the image; `newest_ns` is that of the newest image before."""
+        if not self.images:
+            self.first_ns = t_ns
         self.images += 1
         self.whole_seconds += t_ns % SECOND_NS == 0
         if newest_ns is None or t_ns > newest_ns:

@@ -33,7 +33,7 @@ def nees_of(image, quality, columns, seed=0):
 @pytest.mark.parametrize("quality", [60, 75, 90])
 def test_variance_of_jpeg_photographs_knows_of_the_blocks(quality):
     # Half of the turns are below one column, where blocks hold the picture fast: the bound of noise alone is exceeded
-    # by 40 to 70 times. What is left is what they do to all bands of frequency alike.
+    # by 100 to 230 times. What is left is what they do to all bands of frequency alike.
     rng = np.random.default_rng(quality)
     columns = np.concatenate([rng.uniform(-1.0, 1.0, 6), rng.uniform(-30.0, 30.0, 6)])
     nees = np.concatenate([nees_of(photo(name), quality, columns) for name in PHOTO_NAMES])

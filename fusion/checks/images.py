@@ -47,9 +47,9 @@ def _turn_lost(compass: VisualCompass) -> Warning | None:
     bound = "any turn" if last.bound >= math.pi and last.t_to_ns < last.t_from_ns else _up_to(last.bound)
     seconds = (last.t_to_ns - last.t_from_ns) * 1e-9
     if seconds < 0.0:
-        what = f"the images' stamps went back by {-seconds:.3g} s at t={last.t_from_ns * 1e-9:.1f} s"
+        what = f"the images' stamps went back by {-seconds:.3g} s {_when(compass.history, last.t_from_ns)}"
     else:
-        what = f"{seconds:.2g} s without a usable image from t={last.t_from_ns * 1e-9:.1f} s on"
+        what = f"{seconds:.2g} s without a usable image {_when(compass.history, last.t_from_ns)}"
     more = f"; {len(lost)} such gaps so far" if len(lost) > 1 else ""
     sigma = math.degrees(math.sqrt(compass.yaw_variance))
     text = (
@@ -57,6 +57,10 @@ def _turn_lost(compass: VisualCompass) -> Warning | None:
         "the fused yaw only where no gyro or odometry measured the turn: see to the camera's light, lens and clock"
     )
     return Warning("turn_lost", "compass", min(lost[0].t_from_ns, lost[0].t_to_ns), text)
+
+
+def _when(history: ImageHistory, t_ns: int) -> str:
+    return f"from t={(t_ns - history.first_ns) * 1e-9:.1f} s on (0: first image)"
 
 
 def _up_to(bound: float) -> str:
@@ -93,8 +97,8 @@ def _frozen(history: ImageHistory) -> Warning | None:
         return None
     since_ns, t_ns = history.frozen
     text = (
-        f"the camera has repeated one image for {(t_ns - since_ns) * 1e-9:.1f} s, since t={since_ns * 1e-9:.1f} s; "
-        "that measures nothing: restart the camera or its driver"
+        f"the camera has repeated one image for {(t_ns - since_ns) * 1e-9:.1f} s, {_when(history, since_ns)}; that "
+        "measures nothing: restart the camera or its driver"
     )
     return Warning("images_frozen", "compass", since_ns, text)
 
