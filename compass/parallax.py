@@ -68,7 +68,7 @@ def _match_turn(reference: Strip, current: Strip, coarse: CoarseShift, sectors: 
     spectrum = pooled_spectrum(reference, current)
     exact = continuous_peak(spectrum, reference.columns, median)
     apart = _apart(sectors, exact.shift_px)
-    if apart >= AGREED:
+    if apart >= AGREED or exact.curvature >= 0.0:  # pixels that were doubled have no maximum half a column off
         return None
     shift = float(signed(exact.shift_px, reference.columns))
     spread = apart * quantile(sectors.sigma_px, 0.5)

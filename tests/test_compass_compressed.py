@@ -48,6 +48,18 @@ def test_small_turns_of_a_jpeg_scene_are_not_claimed_to_a_thousandth():
     assert nees.mean() < 4.0
 
 
+@pytest.mark.parametrize("columns", [0.4, 1.3, 4.1])
+def test_doubled_pixels_are_compared_to_a_tenth_of_a_degree(columns):
+    # their finest detail moves by whole steps of two columns, against the rest, and leaves no maximum between them
+    image = scene(1, 512, 96)
+    frames = [np.repeat(np.repeat(as_bytes(shifted(image, s), 2.0, i), 2, 0), 2, 1) for i, s in enumerate((0, columns))]
+    compass = VisualCompass()
+    compass.update(START_NS, frames[0])
+    increment = compass.update(START_NS + FRAME_NS, frames[1])
+    assert increment.variance < math.radians(0.1) ** 2
+    assert abs(wrap_angle(increment.yaw - 2.0 * columns * PER_PX)) < math.radians(0.1)
+
+
 def test_variance_without_compression_stays_that_of_noise():
     image = scene(7, 1024, 512)
     compass = VisualCompass()
