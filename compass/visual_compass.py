@@ -5,16 +5,20 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
 from compass.angles import wrap_angle
 from compass.attitude import Tilted, Vector, beyond_error
+from compass.circle import CircleCheck
 from compass.config import CompassConfig
+from compass.history import ImageHistory
 from compass.image import Image
 from compass.increment import CompassStatus, YawIncrement
 from compass.landmarks import match_landmarks
 from compass.look_back import Look, LookBack, View
+from compass.lost import LostTurn, LostTurns
 from compass.mask import load_mask
 from compass.match import Match, Method, Search
 from compass.parallax import match_parallax
@@ -26,7 +30,7 @@ UpAt = Callable[[int], Vector | None]
 METHODS: dict[str, Method] = {"rows": match_rows, "sectors": match_sectors, "parallax": match_parallax}
 
 MIN_TEXTURE = 1.1  # grey values of 255; camera noise of 4 alone leaves 0.9 at 1024 columns
-FROZEN_NS = 500_000_000  # a camera never gives the very same image for so long
+FROZEN_NS = 500_000_000  # a camera never gives the very same image for so long; a video may, frame by frame
 BELIEVED_BACKWARD = 10  # images in a row whose stamps rise, but lie before one that was stamped wrongly
 SEEK_NS = 300_000_000  # a view so old is sought by its corners, and so often: it takes as long as ten comparisons
 GIVE_UP_NS = 1_000_000_000  # a view that matches no keyframe for so long is a new one
@@ -57,7 +61,12 @@ class VisualCompass:
     yaw : float
         Accumulated (unwrapped) yaw since the first image, rad, positive to the left.
     yaw_variance : float
-        Its variance, rad^2; it grows whenever the reference moves.
+        Its variance, rad^2; it grows whenever the reference moves, and by what may have been turned unseen where images
+        are compared with a new one (`lost_turns`).
+    history : ImageHistory
+        What became of the images so far.
+    circle : CircleCheck
+        Whether they show the full circle.
 
     Examples
     --------
@@ -78,15 +87,19 @@ class VisualCompass:
         self.status = CompassStatus.NOT_STARTED
         self.yaw = 0.0
         self.yaw_variance = 0.0
+        self.history, self.circle = ImageHistory(), CircleCheck()
+        self._lost_turns = LostTurns()
         self._keyframe: Strip | None = None  # what images are compared with, and the yaw there
         self._keyframe_yaw = 0.0
         self._keyframe_variance = 0.0
         self._keyframe_leans = Tilted()
         self._leans = Tilted()  # at the last good image
         self._last: Strip | None = None  # the last image that gave an increment, or the keyframe
+        self._last_variance = 0.0  # of the yaw there
+        self._last_increment: YawIncrement | None = None  # to it; None for the keyframe
         self._newest: Strip | None = None  # the last image whatever came of it
         self._earlier_ns: list[int] = []  # stamps before the newest, in a rising row
-        self._still_since_ns = 0
+        self._still_since_ns = 0  # when the last image was first taken, if the camera repeats it
         self._unmatched_since_ns: int | None = None
         self._sought_ns = 0  # when the last view was last sought by its corners
         self._look_back = LookBack()
@@ -113,9 +126,17 @@ class VisualCompass:
         ImageError
             `image` is no image at all (shape or type).
         """
-        increment = self._update(int(t_ns), image, encoding)
+        t_ns = int(t_ns)
+        self.history.stamped(t_ns, self._newest.t_ns if self._newest else None)
+        increment = self._update(t_ns, image, encoding)
         self.counts[self.status] += 1
+        self.history.came_out(t_ns, self.status, self._still_since_ns)
         return increment
+
+    @property
+    def lost_turns(self) -> list[LostTurn]:
+        """When the camera may have turned without an image that tells by how much; `yaw` misses that."""
+        return self._lost_turns.all
 
     def _update(self, t_ns: int, image: Image, encoding: str) -> YawIncrement | None:
         if self._backward(t_ns):
@@ -123,8 +144,12 @@ class VisualCompass:
             return None
         strip = prepare_strip(t_ns, image, self.config, encoding, self._mask, self._up_at(t_ns))
         self.status = self._judge_strip(strip)
+        if strip.texture >= MIN_TEXTURE:
+            self.circle.look(strip, image, encoding)
         if self.status is not CompassStatus.OK or self._last is None or self._keyframe is None:
             return None
+        if self._still_since_ns != strip.t_ns:
+            return self._repeat(self._keyframe, strip)
         match = self._compare(self._keyframe, strip)
         if self._keyframe is not self._last and self._lost(match):
             self._move_keyframe()
@@ -158,7 +183,7 @@ class VisualCompass:
         """What `look_back` would do now, if it is due; it may be called in another thread while images go on."""
         if self._last is None or self.status not in (CompassStatus.OK, CompassStatus.FOUND_AGAIN):
             return None
-        return self._look_back.due(View(self._last, self.yaw, self.yaw_variance, self._leans), self.config)
+        return self._look_back.due(View(self._last, self.yaw, self._last_variance, self._leans), self.config)
 
     def _backward(self, t_ns: int) -> bool:
         """Whether the image is to be ignored; a row of rising stamps is the true time, and the later one was wrong."""
@@ -170,7 +195,6 @@ class VisualCompass:
         self._earlier_ns.append(t_ns)
         if len(self._earlier_ns) < BELIEVED_BACKWARD:
             return True
-        self._earlier_ns.clear()
         self._newest = None
         return False
 
@@ -180,10 +204,14 @@ class VisualCompass:
         if newest is None or strip.image_shape[:2] != newest.image_shape[:2]:
             self._still_since_ns = strip.t_ns
             self._start_from(strip)
-            return CompassStatus.FIRST_FRAME if newest is None else CompassStatus.SIZE_CHANGED
+            if newest is not None:
+                self.circle = CircleCheck()
+                return CompassStatus.SIZE_CHANGED
+            return CompassStatus.FIRST_FRAME if self._keyframe else CompassStatus.NO_TEXTURE
         if strip.texture < MIN_TEXTURE:
             return CompassStatus.NO_TEXTURE
         if self._keyframe is None:
+            self._still_since_ns = strip.t_ns
             self._start_from(strip)
             return CompassStatus.FIRST_FRAME
         if strip.contrast != newest.contrast or not np.array_equal(strip.pixels, newest.pixels):
@@ -195,10 +223,16 @@ class VisualCompass:
     def _start_from(self, strip: Strip) -> None:
         """Compare with this strip from now on; what turned meanwhile is not known."""
         self._keyframe = self._last = strip if strip.texture >= MIN_TEXTURE else None
-        self._keyframe_yaw, self._keyframe_variance = self.yaw, self.yaw_variance
+        self._last_increment = None
+        if self._keyframe is not None:
+            waited_ns = self._earlier_ns[-1] - self._earlier_ns[0] if self._earlier_ns else 0
+            self._earlier_ns.clear()
+            self._last_variance += self._lost_turns.lose(strip.t_ns, self.config.max_yaw_rate, waited_ns)
+            self.yaw_variance = self._last_variance
+        self._keyframe_yaw, self._keyframe_variance = self.yaw, self._last_variance
         self._keyframe_leans = self._leans = self._lean_of(strip) or Tilted()
         self._unmatched_since_ns, self._sought_ns = None, strip.t_ns
-        view = View(strip, self.yaw, self.yaw_variance, self._leans) if self._keyframe is not None else None
+        view = View(strip, self.yaw, self._last_variance, self._leans) if self._keyframe is not None else None
         self._look_back.start_from(view, strip.t_ns)
 
     def _find_again(self, keyframe: Strip, strip: Strip) -> Match | None:
@@ -231,7 +265,7 @@ class VisualCompass:
     def _move_keyframe(self) -> None:
         """Let the last good image be the keyframe: its increment from the old one has been given."""
         self._keyframe = self._last
-        self._keyframe_yaw, self._keyframe_variance = self.yaw, self.yaw_variance
+        self._keyframe_yaw, self._keyframe_variance = self.yaw, self._last_variance
         self._keyframe_leans = self._leans
 
     def _lean_of(self, strip: Strip) -> Tilted | None:
@@ -257,11 +291,30 @@ class VisualCompass:
         leans, yaw = self._keyframe_leans.after(turn, match.tilt)
         variance = match.variance_px2 * per_px**2 + self._keyframe_leans.variance(turn, self.config.lean_sigma)
         self.yaw += wrap_angle(self._keyframe_yaw + yaw - self.yaw)
-        self.yaw_variance = self._keyframe_variance + variance
+        self.yaw_variance = self._last_variance = self._keyframe_variance + variance
         self._last = strip
+        self._lost_turns.known(strip.t_ns)
         self._leans = self._lean_of(strip) or leans.later((strip.t_ns - keyframe.t_ns) * 1e-9)
         self._unmatched_since_ns = None
         if match.spread_px > self.config.keyframe_spread:
             self._move_keyframe()
         confidence = min(max(match.confidence, 0.0), 1.0)
-        return YawIncrement(keyframe.t_ns, strip.t_ns, yaw, variance, confidence, turn, match.tilt)
+        self._last_increment = YawIncrement(keyframe.t_ns, strip.t_ns, yaw, variance, confidence, turn, match.tilt)
+        return self._last_increment
+
+    def _repeat(self, keyframe: Strip, strip: Strip) -> YawIncrement | None:
+        """What an exact copy of the image before tells: the turn until that was taken, nothing of the time since.
+
+        A driver that sends each frame twice and a camera that hangs look alike at first. Neither measured that there
+        was no turn; it lies within what `max_yaw_rate` allows, and the copy's variance says so. The image itself, at
+        its own stamp, stays what later ones are compared with.
+        """
+        if self._last is None or self._last.t_ns != self._still_since_ns:
+            self.status = CompassStatus.FROZEN  # what it repeats gave no increment
+            return None
+        unseen = (self.config.max_yaw_rate * (strip.t_ns - self._last.t_ns) * 1e-9) ** 2 / 3.0
+        told = self._last_increment
+        if told is None or keyframe is self._last:
+            told = YawIncrement(keyframe.t_ns, strip.t_ns, 0.0, 0.0, 1.0, 0.0)
+        self.yaw_variance = self._last_variance + unseen
+        return replace(told, t_ns=strip.t_ns, variance=told.variance + unseen)

@@ -1,0 +1,192 @@
+"""Whether a panorama shows the full circle, once: that its ends join, its middle does, and its halves differ.
+
+Half a circle taken for a whole doubles every turn, a picture that shows the circle twice halves it, and both match from
+image to image as well as any. What tells is the image alone: columns that are neighbours look alike, also those on
+either side of the seam where the circle is cut. The step across the seam is compared with that between neighbours
+elsewhere (0) and with that between columns far apart (1).
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+import scipy.fft
+
+from compass.image import Image, to_grey
+from compass.strip import Pixels, Strip
+
+EVERY = 5  # images from one that is looked at to the next, up to the first verdict
+LATER = 50  # and after it: a look takes half as long as an update
+NARROWEST = 64  # columns of a strip whose neighbours still look alike
+ROWS = 20  # of the strip that are looked at
+VIEWS = 8  # different ones, before anything is said: a pole may stand just at the seam in one or two
+REMEMBERED = 64  # views
+NEW_VIEW = 0.2  # of the step between columns far apart: a column that changed by so much shows something else
+SKIPPED = 2  # columns at either end that a stitcher may have left black; the lower step of both ways counts
+FAR = (0.25, 0.375, 0.5)  # of the circle from one column to others that have nothing to do with it
+NEAR_HALF = 1 / 32  # of the circle by which the second picture may lie beside the middle: stereo
+BLANK = 2.0  # grey values of 255 by which a column that shows nothing varies from top to bottom
+CORNER_ROWS = (0.04, 0.08, 0.92, 0.96)  # of the height, where two round pictures leave their corners black
+DARK = 10.0  # grey values of 255 there
+
+# What a picture has to show to be called no full circle. Medians over views of: six photographs cut anywhere, two real
+# videos, a simulated corridor / the same photographs and a video of which half a circle, or nine tenths, are left.
+OPEN = 0.5  # step across the seam: at most 0.09, and 0.25 for an imperfect seam / 0.78 to 1.2, and 0.55 to 1.0
+TWICE = 0.6  # correlation of the halves: at most 0.22, 0.56 in one of the corridor's views / 0.64 to 0.94 of two views
+BLANK_SHARE = 0.15  # of the width; a mast is narrower
+
+
+@dataclass(frozen=True, slots=True)
+class CircleVerdict:
+    """What is seen of the circle; numbers are medians over `views`, NaN where nothing was seen.
+
+    Attributes
+    ----------
+    since_ns : int
+        Stamp of the first view.
+    views : int
+        Different views looked at.
+    seam, middle : float
+        Step between the picture's ends, and in its middle; 0: as between neighbours, 1: as between any columns.
+    twice : float
+        Correlation of the two halves, -1..1.
+    blank : float
+        Share of the width that never shows anything.
+    discs : bool
+        Whether it is two round pictures side by side.
+    """
+
+    since_ns: int
+    views: int
+    seam: float
+    middle: float
+    twice: float
+    blank: float
+    discs: bool
+
+    @property
+    def fault(self) -> str:
+        """What is wrong, in words; empty where nothing is."""
+        if self.discs:
+            return "they are two round pictures side by side, as a camera with two fisheye lenses takes them"
+        if self.twice > TWICE:
+            return f"their two halves show the same (correlation {self.twice:.2f}): the circle twice, as in stereo"
+        if self.blank > BLANK_SHARE:
+            return f"{100.0 * self.blank:.0f} % of their width shows nothing"
+        if self.middle > OPEN:
+            return f"two pictures lie side by side that do not join in the middle ({self._step(self.middle)})"
+        if self.seam > OPEN:
+            return f"their left and right ends do not join ({self._step(self.seam)})"
+        return ""
+
+    def _step(self, step: float) -> str:
+        return f"a step of {step:.2f} there; 0: as between neighbouring columns, 1: as between any two"
+
+
+class CircleCheck:
+    """Gathers views of a panorama, and says whether they show the full circle."""
+
+    def __init__(self) -> None:
+        self._count = 0
+        self._since_ns = 0
+        self._last: Pixels | None = None  # view
+        self._far = 0.0  # step between columns far apart in it
+        self._views = 0
+        self._looked = 0
+        self._discs = 0
+        self._steps: tuple[deque[float], deque[float]] = (deque(maxlen=REMEMBERED), deque(maxlen=REMEMBERED))
+        self._twice: deque[float] = deque(maxlen=REMEMBERED)
+        self._blank: npt.NDArray[np.bool_] | None = None
+        self._verdict: CircleVerdict | None = None
+
+    def look(self, strip: Strip, image: Image, encoding: str = "") -> None:
+        """Take in an image that has texture, with the strip cut out of it."""
+        self._count += 1
+        every = EVERY if self._views <= 2 * VIEWS else LATER
+        if self._count % every != 1 or strip.columns < NARROWEST:
+            return
+        self._looked += 1
+        self._discs += _two_discs(image, encoding)
+        stride = max(len(strip.pixels) // ROWS, 1)
+        pixels = np.ascontiguousarray(strip.pixels[::stride])
+        if self._last is not None and not self._is_new(pixels, self._last):
+            return
+        blank = None
+        if strip.seen is None:
+            blank = (pixels + np.asarray(strip.means, np.float32)[::stride]).std(axis=0) < BLANK
+        if self._last is None:
+            self._since_ns = strip.t_ns
+        else:
+            self._views += 1
+            self._judge_steps(pixels, _difference(pixels, self._last) > NEW_VIEW * self._far)
+            self._twice.append(_likeness_of_halves(strip))
+            blank = None if self._blank is None or blank is None else self._blank & blank
+        self._last, self._blank, self._verdict = pixels, blank, None
+        shown = pixels if blank is None else pixels[:, ~blank]
+        if shown.size:
+            self._far = float(np.mean([_steps(shown, round(share * shown.shape[1])).mean() for share in FAR]))
+
+    def _is_new(self, pixels: Pixels, last: Pixels) -> bool:
+        """Whether half of what the columns show, those that never show anything left out, has changed."""
+        some = slice(None, None, 4)
+        changed = np.abs(pixels[:, some] - last[:, some]).mean(axis=0) > NEW_VIEW * self._far
+        shown = changed.size if self._blank is None else np.count_nonzero(~self._blank[some])
+        return bool(0 < shown <= 2 * np.count_nonzero(changed))
+
+    def _judge_steps(self, pixels: Pixels, changed: npt.NDArray[np.bool_]) -> None:
+        """Steps at the seam and in the middle, except where something belongs to the robot, which does not change."""
+        columns = pixels.shape[1]
+        apart = [(skipped, _steps(pixels, 2 * skipped + 1)) for skipped in (0, SKIPPED)]
+        near = [float(np.median(steps)) for _, steps in apart]
+        for at, found in zip((0, columns // 2), self._steps, strict=True):
+            if changed[at - 1 - SKIPPED] and changed[at + SKIPPED]:
+                across = [float(steps[at - 1 - skipped]) for skipped, steps in apart]
+                found.append(min((a - n) / max(self._far - n, 1e-3) for a, n in zip(across, near, strict=True)))
+
+    @property
+    def verdict(self) -> CircleVerdict | None:
+        """What was seen so far; None before enough different views were."""
+        if self._verdict is None and (self._views >= VIEWS or self._discs >= VIEWS):
+            seam, middle = (float(np.median(steps)) if len(steps) >= VIEWS else math.nan for steps in self._steps)
+            twice = float(np.median(self._twice)) if self._twice else math.nan
+            blank = 0.0 if self._blank is None else float(self._blank.mean())
+            discs = 2 * self._discs > self._looked
+            self._verdict = CircleVerdict(self._since_ns, self._views, seam, middle, twice, blank, discs)
+        return self._verdict
+
+
+def _steps(pixels: Pixels, apart: int) -> Pixels:
+    """(columns,) mean difference of each column from the one so far to its right."""
+    return _difference(pixels, np.roll(pixels, -apart, axis=1))
+
+
+def _difference(one: Pixels, other: Pixels) -> Pixels:
+    """(columns,) mean difference between the columns of two pictures."""
+    return np.asarray(cv2.reduce(cv2.absdiff(one, other), 0, cv2.REDUCE_AVG)[0], np.float32)
+
+
+def _likeness_of_halves(strip: Strip) -> float:
+    """Correlation of the strip with itself half a circle further on, or nearly so."""
+    columns = strip.columns
+    spectrum = strip.upright_spectrum
+    likeness = scipy.fft.irfft((spectrum.real**2 + spectrum.imag**2).sum(axis=0), columns)
+    near = round(NEAR_HALF * columns)
+    around = likeness[columns // 2 - near : columns // 2 + near + 1]
+    return float(around.max() / max(float(likeness[0]), 1e-9))
+
+
+def _two_discs(image: Image, encoding: str) -> bool:
+    """Whether the corners that two round pictures leave are black, and they themselves are not."""
+    height, width = image.shape[:2]
+    rows = to_grey(image[[int(share * height) for share in CORNER_ROWS]], encoding).astype(np.float32)
+    if image.dtype == np.uint16:
+        rows = rows / np.float32(257.0)
+    from_middle = np.abs((np.arange(width) + 0.5) / width * 2.0 % 1.0 - 0.5)  # of a disc, in its widths
+    chord = np.array([math.sqrt(max(share - share**2, 0.0)) for share in CORNER_ROWS])[:, None]
+    corner, disc = from_middle > 1.1 * chord, from_middle < 0.8 * chord
+    return bool(rows[corner].mean() < DARK and rows[disc].mean() > 3.0 * DARK)

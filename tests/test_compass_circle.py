@@ -1,0 +1,136 @@
+"""Full circle or not: told from the pictures alone, and never said of a panorama that is one."""
+
+import math
+
+import cv2
+import numpy as np
+import pytest
+from panoramas import FRAME_NS, PHOTO_NAMES, PHOTOS, START_NS, as_bytes, photo, scene, shifted
+
+from compass import VisualCompass
+from compass.circle import EVERY, VIEWS
+
+WIDTH, HEIGHT = 512, 256
+SCENE = scene(4, WIDTH, HEIGHT)
+STEP = 4.0  # columns a frame
+
+
+def verdict_of(make, panorama=SCENE, frames=EVERY * (2 * VIEWS + 1)):
+    """What is said of a turning panorama that went through `make`."""
+    compass = VisualCompass()
+    for index in range(frames):
+        image = make(as_bytes(shifted(panorama, STEP * index), 2.0, index))
+        compass.update(START_NS + index * FRAME_NS, image)
+    return compass.circle.verdict
+
+
+def resized(image):
+    return cv2.resize(image, (WIDTH, HEIGHT))
+
+
+def whole(image):
+    return image
+
+
+def half(image):
+    return resized(image[:, : WIDTH // 2])
+
+
+def most(image):
+    return resized(image[:, : WIDTH * 3 // 4])
+
+
+def twice(image):
+    return resized(np.hstack([image, image]))
+
+
+def stereo(image):
+    return resized(np.hstack([image, np.roll(image, 3, axis=1)]))
+
+
+def two_halves_apart(image):
+    return resized(np.hstack([image[:, 20:200], image[:, 276:456]]))
+
+
+def half_black(image):
+    image[:, : WIDTH // 4] = image[:, -WIDTH // 4 :] = 0
+    return image
+
+
+def with_bars(image):
+    image[: HEIGHT // 10] = image[-HEIGHT // 10 :] = 0
+    return image
+
+
+def with_border(image):
+    image[:, :2] = image[:, -2:] = 0
+    return image
+
+
+def with_mast_at_the_seam(image):
+    image[:, :25] = 160
+    image[40:90, :25] = 60
+    return image
+
+
+def with_mast_in_the_middle(image):
+    image[:, WIDTH // 2 : WIDTH // 2 + 20] = 30
+    return image
+
+
+def two_discs(image):
+    y, x = np.mgrid[0:HEIGHT, 0 : WIDTH // 2]
+    outside = np.hypot(x + 0.5 - WIDTH / 4, y + 0.5 - HEIGHT / 2) > HEIGHT / 2
+    image[np.hstack([outside, outside])] = 0
+    return image
+
+
+@pytest.mark.parametrize(
+    ("make", "word"),
+    [
+        (half, "do not join"),
+        (most, "do not join"),
+        (twice, "twice"),
+        (stereo, "twice"),
+        (two_halves_apart, "join"),
+        (half_black, "50 % of their width"),
+        (two_discs, "round pictures"),
+    ],
+)
+def test_what_is_no_full_circle_is_named(make, word):
+    verdict = verdict_of(make)
+    assert word in verdict.fault
+    assert verdict.since_ns == START_NS or make is two_discs
+
+
+@pytest.mark.parametrize("make", [whole, with_bars, with_border, with_mast_at_the_seam, with_mast_in_the_middle])
+def test_full_circle_is_not_blamed(make):
+    verdict = verdict_of(make)
+    assert verdict.views >= VIEWS
+    assert verdict.fault == ""
+
+
+def test_nothing_is_said_of_a_camera_that_stands():
+    compass = VisualCompass()
+    for index in range(EVERY * 20):
+        compass.update(START_NS + index * FRAME_NS, half(as_bytes(SCENE, 2.0, index)))
+    assert compass.circle.verdict is None
+
+
+def test_changed_size_is_judged_anew():
+    compass = VisualCompass()
+    for index in range(EVERY * 2 * VIEWS):
+        compass.update(START_NS + index * FRAME_NS, half(as_bytes(shifted(SCENE, STEP * index), 2.0, index)))
+    assert compass.circle.verdict.fault
+    compass.update(START_NS + 10**12, as_bytes(scene(5, 640, 320)))
+    assert compass.circle.verdict is None
+
+
+@pytest.mark.skipif(not PHOTOS.is_dir(), reason=f"no photographs in {PHOTOS}")
+@pytest.mark.parametrize("name", PHOTO_NAMES)
+def test_photographs_are_told_from_their_halves(name):
+    panorama = cv2.resize(photo(name), (WIDTH, HEIGHT), interpolation=cv2.INTER_AREA)
+    full, cut = verdict_of(whole, panorama, 150), verdict_of(half, panorama, 150)
+    assert full.fault == ""
+    assert math.isnan(full.seam) or full.seam < 0.25  # half of what is blamed
+    assert "do not join" in cut.fault
