@@ -1,9 +1,15 @@
-# The commands that people and CI both run.
+# The commands that people and CI both run:
+#   make check     while working: lint, and the tests without long simulations and without nodes; a minute on two cores
+#   make test      before a change lands: all tests; 4 to 6 minutes on two cores, longer beside other programs, no less green
+#   make lint      style and types alone
+#   make bench     speed, which no test judges
+#   make evaluate  every experiment with 20 seeds in the held-out worlds: hours, frames are rendered first
+#   make demo      a simulated drive, fused
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test lint bench evaluate config clean
+.PHONY: demo check test lint bench evaluate config clean
 
 $(VENV)/base.stamp: pyproject.toml
 	.ci/venv $(PYTHON) $(VENV)
@@ -20,6 +26,10 @@ demo: $(VENV)/base.stamp
 # the tests of one file share what they have simulated
 test: $(VENV)/dev.stamp
 	$(BIN)/python -m pytest -n auto --dist loadfile
+
+# what conftest.py does not mark as slow
+check: lint
+	$(BIN)/python -m pytest -n auto --dist loadfile -m 'not slow'
 
 lint: $(VENV)/dev.stamp
 	$(BIN)/ruff check .

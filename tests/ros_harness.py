@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import array
+import fcntl
 import os
 import signal
 import subprocess
 import sys
+import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
@@ -19,9 +21,22 @@ import pytest
 
 rclpy = pytest.importorskip("rclpy", reason="rclpy is not installed: pip install '.[ros]'")
 
+
+def _own_domain() -> tuple[int, Any]:
+    """A ROS domain that no other test run on this machine uses, and the lock on it, held while the process lives."""
+    for domain in [1 + (os.getpid() + k) % 100 for k in range(100)]:
+        lock = (Path(tempfile.gettempdir()) / f"visual-compass-domain-{os.getuid()}-{domain}").open("w")
+        with suppress(OSError):
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            return domain, lock
+        lock.close()
+    raise RuntimeError("all ROS domains from 1 to 100 are in use by other test runs")
+
+
 # The environment is read when the first context opens: a domain of our own, never beyond this machine.
+_DOMAIN, _LOCK = _own_domain()
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
-os.environ["ROS_DOMAIN_ID"] = str(1 + os.getpid() % 100)
+os.environ["ROS_DOMAIN_ID"] = str(_DOMAIN)
 
 from nav_msgs.msg import Odometry  # noqa: E402
 from rclpy.context import Context  # noqa: E402
@@ -30,7 +45,7 @@ from rclpy.qos import qos_profile_sensor_data  # noqa: E402
 from sensor_msgs.msg import CompressedImage, Image, Imu  # noqa: E402
 
 ROOT = Path(__file__).resolve().parents[1]
-PATIENCE_S = 30.0  # for anything that a loaded machine does late; a healthy one needs a second
+PATIENCE_S = 300.0  # for anything that a loaded machine does late: no verdict on speed; a healthy one needs a second
 START_NS = 1_700_000_000_000_000_000
 
 
@@ -66,12 +81,11 @@ class Process:
     def wait(self, timeout: float = PATIENCE_S) -> int:
         return self._process.wait(timeout)
 
-    def end(self, how: signal.Signals = signal.SIGINT) -> tuple[int, float]:
-        """Send a signal; returns exit code and seconds until the end."""
-        start = time.monotonic()
+    def end(self, how: signal.Signals = signal.SIGINT) -> int:
+        """Send a signal; returns the exit code."""
         self._process.send_signal(how)
         try:
-            return self._process.wait(PATIENCE_S), time.monotonic() - start
+            return self._process.wait(PATIENCE_S)
         except subprocess.TimeoutExpired:
             self._process.send_signal(signal.SIGABRT)  # its fault handler writes where every thread stands
             self._process.wait(PATIENCE_S)

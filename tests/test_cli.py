@@ -258,18 +258,23 @@ def test_unknown_errors_keep_their_traceback(tiny_bag, tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_fuse_interrupted_leaves_nothing(tmp_path, number):
-    """The bag is long enough to be caught in the act: the signal comes once the staging folder is there."""
+    """The signal comes once the staging folder is there, and before the summary, at which the command would wait."""
     with TinyBag(tmp_path / "long") as bag:
-        fill(bag, TinyDrive(seconds=20.0))
+        fill(bag, TinyDrive(seconds=5.0))
     place = tmp_path / "place"
     place.mkdir()
-    command = [sys.executable, "-m", "fusion.offline.cli", "fuse", str(tmp_path / "long"), "--out", str(place / "out")]
+    code = (
+        "import sys, time, fusion.offline.fuse; from fusion.offline.cli import main;"
+        "fusion.offline.fuse.summarise = lambda *_, **__: time.sleep(600);"
+        "sys.exit(main(sys.argv[1:]))"
+    )
+    command = [sys.executable, "-c", code, "fuse", str(tmp_path / "long"), "--out", str(place / "out")]
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
-        deadline = time.monotonic() + 60.0
+        deadline = time.monotonic() + 300.0
         while not list(place.iterdir()) and time.monotonic() < deadline:
             time.sleep(0.01)
         process.send_signal(number)
-        _, err = process.communicate(timeout=60)
+        _, err = process.communicate(timeout=300)
     assert (process.returncode, err) == (128 + number, "visual-compass: interrupted, nothing was written\n")
     assert list(place.iterdir()) == []
 

@@ -15,7 +15,7 @@ from fusion.standstill import Stillness
 DEG = math.radians(1.0)
 
 
-@pytest.fixture(scope="module", params=[0.0, 0.05, 0.1], ids=["in time", "50 ms late", "100 ms late"])
+@pytest.fixture(scope="module", params=[0.0, 0.1], ids=["in time", "100 ms late"])
 def drive(request):
     """With images that are stamped when they were exposed, or later."""
     return robot_drive(camera_delay=request.param)
@@ -279,8 +279,8 @@ def test_images_whose_stamps_stray_are_believed_as_far_as_they_may(stray_s, rate
         fusion = YawFusion()
         for sample in with_stray_stamps(stray_s, rate, seed):
             fusion.add(sample)
-            estimate = fusion.estimate()
             if isinstance(sample, YawIncrement) and sample.t_ns > 10**9:
+                estimate = fusion.estimate()
                 normalised.append((estimate.yaw - rate * sample.t_ns * 1e-9) ** 2 / estimate.yaw_variance)
         assert fusion.reports()[Sensor.COMPASS].rejected < 9  # one in a hundred, while the stray is being learnt
         assert fusion.estimate().gyro_bias == pytest.approx(0.003, abs=0.001)

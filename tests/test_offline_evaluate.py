@@ -13,7 +13,7 @@ from tiny_bags import START_NS, TinyDrive
 from compass import CompassConfig, YawIncrement
 from compass.config import METHODS
 from fusion import GyroSample
-from fusion.offline import evaluate, gps, scores
+from fusion.offline import evaluate, evaluation, gps, scores
 from fusion.offline.cli import main
 from fusion.offline.recording import Frame, GyroTrack, OdometryTrack, TruthTrack
 from fusion.offline.scores import COMPASS, FUSED, GYRO, TRACKS, Score, YawTrack
@@ -198,6 +198,34 @@ def test_evaluate_bag_without_truth_names_the_option(tiny_bag, capsys):
 def test_evaluate_unknown_experiment_names_the_nearest(capsys):
     assert main(["evaluate", "free_race_pasage"]) == 1
     assert "free_race_passage" in capsys.readouterr().err
+
+
+def test_evaluate_unknown_worlds_names_those_there_are(capsys):
+    assert main(["evaluate", "demo", "--worlds", "ruble"]) == 1
+    error = capsys.readouterr().err
+    assert "ruble" in error
+    assert "held-out, " in error
+    assert "rubble" in error
+
+
+def test_evaluate_drives_in_held_out_worlds_unless_told_otherwise(monkeypatch, capsys):
+    def outcomes(names, seeds, settings, workers, smooth, worlds):
+        held_out = worlds != "tuned"
+        score = Score(0.01, 0.02, 0.03) if held_out else Score(0.0, 0.0, 0.0)
+        return [
+            evaluate.Outcome(name, seed, FUSED, score, 2.0, 1.0, world="rubble" if held_out else "0", held_out=held_out)
+            for name in names
+            for seed in range(seeds)
+        ]
+
+    monkeypatch.setattr(evaluation, "evaluate_experiments", outcomes)
+    lines = {}
+    for worlds in ([], ["--worlds", "tuned"], ["--worlds", "all"]):
+        assert main(["evaluate", "demo", "weave", "--seeds", "2", *worlds]) == 0
+        text = capsys.readouterr().out
+        lines[" ".join(worlds)] = [line.split() for line in text.splitlines() if line.startswith(("rubble", "own"))]
+    rubble, own = ["rubble", "4", "1.15"], ["own", "place", "(tuned)", "4", "0.00"]
+    assert lines == {"": [rubble], "--worlds tuned": [own], "--worlds all": [own, rubble]}
 
 
 # ---------------------------------------------------------------- GPS

@@ -1,5 +1,7 @@
 """The simulated camera: conventions, geometry, and sub-pixel truth."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -85,6 +87,21 @@ def test_nearer_thing_hides_the_farther_in_any_order():
     for solids in ((near, far), (far, near)):
         image = CAMERA.render(open_world(*solids), CameraPose(0, 0, 1.0, 0.0))
         assert image[120, 256] == pytest.approx(80.0, abs=0.5)
+
+
+def test_fog_takes_contrast_by_the_distance():
+    near, far = (box((x, y), (0.4, 4.0, 4.0), 40.0) for x, y in ((3.2, 0.0), (-6.2, 0.0)))
+    image = CAMERA.render(replace(open_world(near, far), fog=0.2), CameraPose(0, 0, 1.0, 0.0))
+    fog = image[20, 0]  # the sky
+    assert (image[110, 256] - fog) / (40.0 - fog) == pytest.approx(np.exp(-0.2 * 3.0), abs=0.01)
+    assert (image[110, 0] - fog) / (40.0 - fog) == pytest.approx(np.exp(-0.2 * 6.0), abs=0.01)
+
+
+def test_glass_shows_what_is_behind_it_and_what_is_on_it():
+    wall = box((6.0, 0.0), (0.5, 4.0, 4.0), 200.0)
+    pane = Solid((3.0, -1.0, 0.0), (3.0, 1.0, 3.0), plain(100.0), opacity=0.3)
+    image = CAMERA.render(open_world(wall, pane), CameraPose(0, 0, 1.0, 0.0))
+    assert image[120, 256] == pytest.approx(0.3 * 100.0 + 0.7 * 200.0, abs=0.5)
 
 
 def test_order_of_stacked_boxes_follows_the_height_of_the_camera():

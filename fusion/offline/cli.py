@@ -108,6 +108,13 @@ def simulate(experiment: str | None, out: Path | None, seed: int, config: Path |
 @cli.command(short_help="Score every compass, each sensor and the fused yaw.")
 @click.argument("what", nargs=-1)
 @click.option("--seeds", type=click.IntRange(1), default=1, show_default=True, help="Drives of each experiment.")
+@click.option(
+    "--worlds",
+    metavar="W",
+    default="held-out",
+    show_default=True,
+    help="held-out: where no constant was chosen; tuned: each experiment's own place; all; or one held-out place.",
+)
 @click.option("--json", "json_file", type=_PATH, metavar="FILE", help="Write every outcome as JSON.")
 @click.option(
     "--metric",
@@ -123,6 +130,7 @@ def simulate(experiment: str | None, out: Path | None, seed: int, config: Path |
 def evaluate(
     what: tuple[str, ...],
     seeds: int,
+    worlds: str,
     json_file: Path | None,
     metric: str,
     smooth: bool,
@@ -143,7 +151,8 @@ def evaluate(
     from fusion.settings import load_settings
 
     request = TopicRequest(image, gyro, odometry, truth)
-    click.echo(run_evaluation(what, seeds, load_settings(config), request, metric, json_file, workers, smooth))
+    settings = load_settings(config)
+    click.echo(run_evaluation(what, seeds, settings, request, metric, json_file, workers, smooth, worlds))
 
 
 @cli.command(short_help="Propose settings from a recording of your own.")

@@ -28,7 +28,7 @@ from fusion.offline.summary import warning_facts
 from fusion.offline.topics import TopicRequest, choose_topics
 from fusion.settings import Settings
 from fusion.simulation import EXPERIMENTS, simulate
-from fusion.simulation.drive import SEEDS_PER_WORLD
+from fusion.simulation.worlds import HELD_OUT_WORLDS, choose_world
 
 PAPER = "rows"  # the paper's method, which has the camera alone
 
@@ -72,6 +72,10 @@ class Outcome:
         None where nothing is claimed.
     given : float
         Share of images with an increment; NaN where it is no compass.
+    world : str
+        Of the simulation: which of the experiment's own, or the held-out place.
+    held_out : bool
+        Whether no constant may be chosen on that world.
     """
 
     drive: str
@@ -82,6 +86,8 @@ class Outcome:
     turns: float
     honesty: Honesty | None = None
     given: float = math.nan
+    world: str = ""
+    held_out: bool = False
 
 
 class _Watched:
@@ -211,11 +217,17 @@ def _honesty(error: Floats, variance: Floats) -> Honesty:
 
 
 def evaluate_experiments(
-    names: Sequence[str], seeds: int, settings: Settings, workers: int, smooth: bool
+    names: Sequence[str], seeds: int, settings: Settings, workers: int, smooth: bool, worlds: str = HELD_OUT_WORLDS
 ) -> list[Outcome]:
-    """All methods on the named experiments, each with `seeds` seeds; the same seeds give the same outcomes."""
-    _render(names, seeds)
-    tasks = [(name, seed, settings, smooth) for name in names for seed in range(seeds)]
+    """All methods on the named experiments, each with `seeds` seeds; the same seeds give the same outcomes.
+
+    Parameters
+    ----------
+    worlds : str
+        See `choose_world`.
+    """
+    _render(names, seeds, worlds)
+    tasks = [(name, seed, worlds, settings, smooth) for name in names for seed in range(seeds)]
     outcomes: list[Outcome] = []
     with progress_bar("evaluating") as progress:
         for count, found in enumerate(_map(tasks, workers), start=1):
@@ -224,7 +236,7 @@ def evaluate_experiments(
     return outcomes
 
 
-Task = tuple[str, int, Settings, bool]  # experiment, seed, settings, whether to smooth
+Task = tuple[str, int, str, Settings, bool]  # experiment, seed, worlds, settings, whether to smooth
 
 
 def _map(tasks: Sequence[Task], workers: int) -> Iterator[list[Outcome]]:
@@ -240,21 +252,34 @@ def _map(tasks: Sequence[Task], workers: int) -> Iterator[list[Outcome]]:
 
 
 def _evaluate_experiment(task: Task) -> list[Outcome]:
-    name, seed, settings, smooth = task
-    recording = SimulatedRecording(simulate(name, seed), settings.imu)
+    name, seed, worlds, settings, smooth = task
+    recording = SimulatedRecording(simulate(name, seed, worlds=worlds), settings.imu)
     experiment = EXPERIMENTS[name]
+    world = choose_world(experiment, seed, worlds)
     tracks = all_tracks(recording, settings, smooth=smooth, exposed_ns=recording.exposed_ns)
     outcomes = score_tracks(name, seed, tracks, recording.truth, recording.frame_count)
-    return [replace(outcome, distance=experiment.distance, turns=experiment.turns) for outcome in outcomes]
+    return [
+        replace(
+            outcome,
+            distance=experiment.distance,
+            turns=experiment.turns,
+            world=world.name,
+            held_out=world.held_out,
+        )
+        for outcome in outcomes
+    ]
 
 
-def _render(names: Sequence[str], seeds: int) -> None:
+def _render(names: Sequence[str], seeds: int, worlds: str) -> None:
     """Bring the frames of every world into the cache, with all cores on each."""
-    firsts = range(0, seeds, SEEDS_PER_WORLD)
-    total = len(names) * len(firsts)
+    firsts: dict[tuple[str, str], int] = {}
+    for name in names:
+        for seed in range(seeds):
+            firsts.setdefault((name, choose_world(EXPERIMENTS[name], seed, worlds).name), seed)
     with progress_bar("rendering") as progress:
-        for count, (name, seed) in enumerate((name, seed) for name in names for seed in firsts):
-            simulate(name, seed).prepare(lambda done, of, count=count: progress((count + done / of) / total))  # type: ignore[misc]
+        for count, ((name, _), seed) in enumerate(firsts.items()):
+            drive = simulate(name, seed, worlds=worlds)
+            drive.prepare(lambda done, of, count=count: progress((count + done / of) / len(firsts)))  # type: ignore[misc]
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,6 +2,8 @@
 
 `simulate` drives one of the `EXPERIMENTS` and gives a `Drive`: panoramas, inertial unit, track odometry, truth.
 Rendering is the slow part; the clean frames of an experiment are cached, and what a seed varies is applied to them.
+An experiment is driven in its own place (`places`, `yards`), in which the estimator was developed, or in one of the
+`held_out` places, on which no constant was chosen; `worlds` chooses.
 """
 
 from fusion.simulation.camera import PanoramaCamera

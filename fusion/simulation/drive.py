@@ -18,13 +18,12 @@ from fusion.simulation.experiments import find_experiment
 from fusion.simulation.imu import ImuReading, read_imu
 from fusion.simulation.rendering import Renderer, camera_poses
 from fusion.simulation.robot import OdometryReading, read_tracks
+from fusion.simulation.worlds import TUNED_WORLDS, choose_world
 
 Floats = npt.NDArray[np.float64]
 
 START_NS = 1_366_934_400_000_000_000  # stamp of the start of every drive
 ODOMETRY_DELAY_NS = 3_000_000  # the sensors' clocks tick between each other
-WORLDS = 3  # of each experiment
-SEEDS_PER_WORLD = 7
 TRUTH_HZ = 200.0
 CAMERA = PanoramaCamera()
 
@@ -123,7 +122,13 @@ class Drive:
 
 
 def simulate(
-    name: str, seed: int = 0, *, cache: Path | None = None, workers: int = 2, camera: PanoramaCamera = CAMERA
+    name: str,
+    seed: int = 0,
+    *,
+    worlds: str = TUNED_WORLDS,
+    cache: Path | None = None,
+    workers: int = 2,
+    camera: PanoramaCamera = CAMERA,
 ) -> Drive:
     """Drive one of the `EXPERIMENTS`.
 
@@ -133,7 +138,9 @@ def simulate(
         Which.
     seed : int
         Chooses the sensors' errors, how images are stamped, the ground's grip, the exposure, and, every
-        `SEEDS_PER_WORLD`, another world. Same name and seed, same bytes.
+        few, another world. Same name, seed and worlds, same bytes.
+    worlds : str
+        See `choose_world`.
     cache : Path or None
         Directory for rendered frames; None: see `cache_directory`.
     workers : int
@@ -144,22 +151,22 @@ def simulate(
     Raises
     ------
     SimulationError
-        There is no experiment of that name.
+        There is no experiment of that name, or no such worlds.
     """
     experiment = find_experiment(name)
+    world = choose_world(experiment, seed, worlds)
     times = experiment.frame_times()
     motion = experiment.trajectory.in_place.at(times)
     streams = [np.random.default_rng([seed, zlib.crc32(name.encode()), stream]) for stream in range(4)]
     effects = FrameEffects(experiment.effects, times, motion.yaw_rate, int(streams[2].integers(2**31)))
-    variant = seed // SEEDS_PER_WORLD % WORLDS
     renderer = Renderer(camera, camera_poses(motion, experiment.mount), times.tolist(), experiment.rolled)
 
     def load(progress: Progress | None) -> Frames:
         def start() -> Callable[[int], Frame]:
-            return renderer.start(lambda: experiment.world(variant))
+            return renderer.start(world.build)
 
-        key = experiment.place.__name__.encode() + renderer.key()
-        return cached_frames(f"{name}-{variant}", key, times.size, start, cache, workers, progress)
+        label = f"{name}-{world.name}"
+        return cached_frames(label, world.key + renderer.key(), times.size, start, cache, workers, progress)
 
     stamps = times if experiment.stamps is None else np.rint(experiment.stamps.stamp(times, streams[3]) * 1e9) / 1e9
     fine = np.rint(np.arange(0.0, experiment.trajectory.duration, 1.0 / TRUTH_HZ) * 1e9) / 1e9

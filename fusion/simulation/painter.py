@@ -11,6 +11,7 @@ from fusion.simulation.surfaces import Array, Ground
 from fusion.simulation.world import Floats, Hits, Solid, World, far_to_near
 
 _CHUNK = 128  # columns painted at a time: a block of them stays in the processor's cache
+_FOG_GREY = 185.0  # an overcast day's
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,8 +29,8 @@ class CameraPose:
 class _Canvas:
     """What has been painted so far, stored by columns, and the rays through its pixels."""
 
-    def __init__(self, raster: Raster, pose: CameraPose) -> None:
-        self.pose = pose
+    def __init__(self, raster: Raster, pose: CameraPose, fog: float) -> None:
+        self.pose, self.fog = pose, fog
         self.elevation = raster.elevation
         edges = raster.edge_tangent
         self.upper, self.lower = edges[:-1].astype(np.float32), edges[1:].astype(np.float32)
@@ -78,7 +79,15 @@ class _Canvas:
         cos, sin = np.cos(self.azimuth[columns]), np.sin(self.azimuth[columns])
         x = np.float32(self.pose.x) + cos.astype(np.float32)[:, None] * distance.astype(np.float32)
         y = np.float32(self.pose.y) + sin.astype(np.float32)[:, None] * distance.astype(np.float32)
-        return ground.sample(x, y, level.astype(np.float64))
+        return self.dim(ground.sample(x, y, level.astype(np.float64)), distance[None, :])
+
+    def dim(self, grey: Array, distance: Floats) -> Array:
+        """What fog leaves of `grey` at a horizontal `distance`, m, that broadcasts to it; paints in place."""
+        if self.fog:
+            grey -= np.float32(_FOG_GREY)
+            grey *= np.exp(-self.fog * distance).astype(np.float32)
+            grey += np.float32(_FOG_GREY)
+        return grey
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +102,7 @@ class _Sight:
 
 def paint(world: World, pose: CameraPose, t: float, raster: Raster) -> Array:
     """Paint the world at time `t` s as seen from `pose`, held level; float32 (columns, rows) of the raster."""
-    canvas = _Canvas(raster, pose)
+    canvas = _Canvas(raster, pose, world.fog)
     sights = [_see(solid, canvas) for solid in far_to_near(world.at(t), pose.x, pose.y, pose.z)]
     _paint_background(world, canvas, sights)
     for sight in sights:
@@ -144,7 +153,7 @@ def _paint_solid(canvas: _Canvas, sight: _Sight) -> None:
     """Paint top or bottom first, then the side over it."""
     solid, pose = sight.solid, canvas.pose
     for columns, part in _chunks(sight.first, sight.alpha.size, canvas.columns):
-        near, far, alpha = sight.hits.near[part], sight.hits.far[part], sight.alpha[part]
+        near, far, alpha = sight.hits.near[part], sight.hits.far[part], sight.alpha[part] * solid.opacity
         above, below = solid.high[2] - pose.z, solid.low[2] - pose.z
         if solid.cap is not None and above < 0:
             _paint_cap(canvas, columns, near, far, alpha, solid.cap, above)
@@ -157,7 +166,7 @@ def _paint_solid(canvas: _Canvas, sight: _Sight) -> None:
         pixel = near * canvas.step
         level = solid.skin.level(pixel / np.maximum(sight.hits.facing[part], 1e-3), pixel)
         grey = solid.skin.sample(sight.hits.u[part], np.full(near.shape, above), -near, canvas.tangent[rows], level)
-        canvas.blend(columns, rows, grey, canvas.cover(rows, low, high, alpha))
+        canvas.blend(columns, rows, canvas.dim(grey, near[:, None]), canvas.cover(rows, low, high, alpha))
 
 
 def _paint_cap(
@@ -179,7 +188,7 @@ def _paint_background(world: World, canvas: _Canvas, sights: list[_Sight]) -> No
     floor, roof = np.zeros(canvas.columns), np.zeros(canvas.columns)
     for sight in sights:
         index = np.arange(sight.first, sight.first + sight.alpha.size) % canvas.columns
-        near = np.where(sight.alpha < 1.0, np.inf, sight.hits.near)
+        near = np.where(sight.alpha * sight.solid.opacity < 1.0, np.inf, sight.hits.near)
         if sight.solid.low[2] <= 0.0 and sight.solid.high[2] > canvas.pose.z:
             floor[index] = np.minimum(floor[index], -canvas.pose.z / near)
         if world.ceiling is not None and sight.solid.high[2] >= world.ceiling_height - 1e-6:
@@ -187,7 +196,8 @@ def _paint_background(world: World, canvas: _Canvas, sights: list[_Sight]) -> No
     for columns, _ in _chunks(0, canvas.columns, canvas.columns):
         if world.sky is not None:
             rows = canvas.rows_between(-0.02, np.inf)
-            canvas.grey[columns, rows] = world.sky.sample(canvas.azimuth[columns], canvas.elevation[rows])
+            sky = world.sky.sample(canvas.azimuth[columns], canvas.elevation[rows])
+            canvas.grey[columns, rows] = _FOG_GREY if world.fog else sky
         if world.ceiling is not None:
             rows = canvas.rows_between(max(float(roof[columns].min()), 1e-3), np.inf)
             canvas.grey[columns, rows] = canvas.level_surface(columns, rows, world.ceiling, world.ceiling_height)

@@ -53,6 +53,8 @@ class Solid:
         A cylinder, its radius half the x extent.
     hull : bool
         Part of the outermost wall, behind which there is nothing.
+    opacity : float
+        Weight of its sides over what is behind them, 0..1: glass, shadows and patches of light have less than 1.
     """
 
     low: tuple[float, float, float]
@@ -61,6 +63,7 @@ class Solid:
     cap: Ground | None = None
     round: bool = False
     hull: bool = False
+    opacity: float = 1.0
 
     def span(self, x: float, y: float) -> tuple[float, float]:
         """Azimuths between which it is seen from (x, y), rad, the smaller first, not wrapped."""
@@ -131,6 +134,8 @@ class World:
         Seen where there is neither solid nor ceiling.
     crowd : callable
         The moving solids at time t, s.
+    fog : float
+        Extinction along the horizontal distance, 1/m; contrast falls to 2 % at 3.9 / fog (Koschmieder's visibility).
     """
 
     solids: tuple[Solid, ...]
@@ -139,6 +144,7 @@ class World:
     ceiling_height: float = 3.0
     sky: Sky | None = None
     crowd: Crowd = field(default=nobody)
+    fog: float = 0.0
 
     def at(self, t: float) -> tuple[Solid, ...]:
         """Everything solid at time `t`, s."""
