@@ -405,11 +405,13 @@ class YawFilter:
             ekf.widen(State.RATE, config.initial_rate_sigma**2)
         if remedy.fold > 0.0:
             ekf.widen_frame(remedy.fold)
-        if remedy.shift == 0.0:
+        if remedy.shift == remedy.delay == 0.0:
             return False
         x = ekf.x.copy()
         x[State.YAW] += remedy.shift
+        x[State.CAMERA_DELAY] += remedy.delay
         ekf.x = x
+        ekf.widen(State.CAMERA_DELAY, remedy.delay**2)
         ekf.widen(State.YAW, remedy.shift_variance)
         # nor is the yaw to be held at what it seemed to be meanwhile
         state.stillness = replace(state.stillness, reference_ns=None)

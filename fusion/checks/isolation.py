@@ -192,6 +192,8 @@ class Remedy:
         What the gyro's bias seems to be, and its standard deviation, rad/s; None where nothing changes.
     fold : float
         Variance by which the frame of all yaws is known less, rad^2.
+    delay : float
+        By how much more than thought the images seem to be stamped late, s.
     """
 
     shift: float = 0.0
@@ -199,6 +201,7 @@ class Remedy:
     bias: float | None = None
     bias_sigma: float = math.inf
     fold: float = 0.0
+    delay: float = 0.0
 
     @staticmethod
     def of(remedies: Iterable[Remedy]) -> Remedy:
@@ -206,9 +209,8 @@ class Remedy:
         total = Remedy()
         for one in remedies:
             bias = (total.bias, total.bias_sigma) if one.bias is None else (one.bias, one.bias_sigma)
-            total = Remedy(
-                total.shift + one.shift, total.shift_variance + one.shift_variance, *bias, total.fold + one.fold
-            )
+            shift = total.shift + one.shift, total.shift_variance + one.shift_variance
+            total = Remedy(*shift, *bias, total.fold + one.fold, total.delay + one.delay)
         return total
 
 

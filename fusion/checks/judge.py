@@ -13,6 +13,8 @@ RADIANS = (45.0, 72.0)  # ratio of turns that only degrees taken for radians exp
 TURNED = 0.02  # rad in a window; a ratio to less says nothing
 STUCK = 0.2  # ratio of turns; less is no scale factor
 SLIPPED_ON = 3  # windows; tracks that slip for longer do not see the robot turn
+TIMED = 0.95  # of squared contradictions, explained by a time offset
+LATEST = 0.3  # s; no camera's driver takes longer than that longer than before
 SUSTAINED = 1.5  # of the last window's contradiction that they must sum up to, not to be one wrong match
 
 Judged = tuple[Isolation, Remedy]
@@ -39,8 +41,10 @@ def judge(iso: Isolation, window: Window, bias: float) -> Judged:
     for rule in (_settle_doubts, _judge_excluded, _judge_trusted):
         iso, remedy = rule(iso, window, bias)
         remedies.append(remedy)
+        if remedy.delay:  # that is all there is to this window
+            break
     remedy = Remedy.of(remedies)
-    return replace(iso, last=None if remedy.shift else window), remedy
+    return replace(iso, last=None if remedy.shift or remedy.delay else window), remedy
 
 
 def surely_gyro(window: Window, turn: float) -> bool:
@@ -122,12 +126,28 @@ def _errs_still(iso: Isolation, one: Exclusion, claim: Claim, reference: Claim, 
     if one.sensor is Sensor.GYRO:
         return iso, _rebias(claim, reference, window, bias)
     doubt = iso.doubt(one.sensor)
+    delay = _delay(iso, doubt) if doubt and one.sensor is Sensor.COMPASS and doubt.third.side is not True else None
+    if delay is not None:
+        return iso.trusting(Sensor.COMPASS).sure_of(Sensor.COMPASS), Remedy(delay=delay)
     if one.sensor is Sensor.COMPASS and doubt and window.gyro and abs(doubt.offset) > SUSTAINED * abs(off):
         # no single wrong match: a gyro's bias steps more often than a camera is misled for so long
         iso, remedy = _follow(iso, doubt, window)
         iso = iso.doubting(Doubt(Sensor.GYRO, doubt.since_ns, -doubt.offset, bias, doubt.third.swapped()))
         return iso, Remedy.of((remedy, _rebias(window.gyro, claim, window, bias)))
     return iso, Remedy()
+
+
+def _delay(iso: Isolation, doubt: Doubt) -> float | None:
+    """How much later the images are stamped than thought, s, if that explains all that they contradict the gyro by."""
+    windows = [one for one in iso.evidence if one.t_ns > doubt.since_ns]
+    off = [one.compass.turn - one.gyro.turn for one in windows if one.compass and one.gyro]
+    change = [one.rate_change for one in windows if one.compass and one.gyro]
+    by_change = sum(a * b for a, b in zip(off, change, strict=True))
+    squares, total = sum(b * b for b in change), sum(a * a for a in off)
+    if len(off) < 2 or by_change**2 < TIMED * squares * total:
+        return None
+    delay = -by_change / squares
+    return delay if abs(delay) < LATEST else None
 
 
 def _rebias(gyro: Claim, reference: Claim, window: Window, bias: float) -> Remedy:
