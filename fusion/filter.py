@@ -21,7 +21,7 @@ from fusion.checks.turns import LONGEST_WINDOW_NS, SAME_NUMBER, Claim, Turns, Wi
 from fusion.checks.warnings import Warning
 from fusion.clones import Clone, Clones
 from fusion.config import FusionConfig
-from fusion.ekf import Array, Correction, Measurement, State, Transition, YawEkf
+from fusion.ekf import YAWS, Array, Correction, Measurement, State, Transition, YawEkf
 from fusion.events import CompassEvent, FusionEvent, GyroEvent, HeadingEvent, Sensor, TracksEvent
 from fusion.exposure import Exposure, GyroTrail
 from fusion.gating import Gate, Verdict, gate_limit
@@ -158,6 +158,13 @@ class YawFilter:
         self._settle(state)
         state.x, state.P = ekf.x, ekf.P
         return state
+
+    def lost(self, state: FilterState, variance: float) -> FilterState:
+        """A start from the yaw of a state, to which `variance`, rad^2, is added: it may have turned unseen."""
+        x, P = self.start.x.copy(), self.start.P.copy()
+        x[YAWS] = float(state.x[State.YAW])
+        P[np.ix_(YAWS, YAWS)] = float(state.P[State.YAW, State.YAW]) + variance
+        return replace(self.start, x=x, P=P)
 
     def predicted(self, state: FilterState, t_ns: int) -> FilterState:
         """State at `t_ns`, ns, given that nothing was measured since; `state` itself where that is no later.

@@ -6,11 +6,14 @@ import logging
 import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy.typing as npt
 
 from compass import CompassConfig, YawIncrement
+from fusion.checks.clocks import ABANDONED_NS, BACKLOG_NS, LONE_NS, ClockWatch, Elsewhen, StampSequence, confirmed
+from fusion.checks.images import image_warnings
 from fusion.checks.refusals import RefusalWatch
 from fusion.checks.warnings import Warning, WarningLog, most_serious_first
 from fusion.config import FusionConfig
@@ -30,12 +33,11 @@ from fusion.filter import FilterState, YawFilter, estimate_of
 from fusion.gating import SensorReport
 from fusion.lean import LeanLog
 from fusion.samples import GyroSample, YawEstimate
-from fusion.stamps import FarAhead, confirmed
 from fusion.timeline import Arrival, Timeline
 
 log = logging.getLogger(__name__)
 SHORTEST_REACH_NS = 1_000_000_000  # a stamp off by less does no harm that lasts
-JUMP_BACK = 10  # samples refused in a row as too old before time itself is taken to have jumped back
+UNKNOWN_TURN = math.pi**2 / 3.0  # rad^2, variance of a heading of which nothing is known
 
 
 class YawFusion:
@@ -53,15 +55,19 @@ class YawFusion:
 
     def reset(self) -> None:
         """Forget all samples and start anew from the initial yaw; the counts stay."""
+        self._restart(self._filter.start)
+
+    def _restart(self, start: FilterState) -> None:
+        """Forget all samples and start anew from a state."""
         lag_ns, reference_ns = (round(s * 1e9) for s in (self.config.lag_window, self.config.reference_window))
         self._lag_ns, self._reference_ns = lag_ns, reference_ns
         self._reach_ns = max(lag_ns, SHORTEST_REACH_NS)
-        self._timeline: Timeline[FusionEvent, FilterState] = Timeline(
-            self._filter.start, self._filter.step, lag_ns + reference_ns
-        )
-        self._too_old_in_a_row = 0
+        self._timeline: Timeline[FusionEvent, FilterState] = Timeline(start, self._filter.step, lag_ns + reference_ns)
         self._last_far: YawIncrement | None = None
-        self._far_ahead = FarAhead(self._reach_ns, lag_ns)
+        self._ahead, self._behind = Elsewhen(True, max(lag_ns, LONE_NS)), Elsewhen(False, BACKLOG_NS)
+        self._heard: dict[Sensor, int] = {}  # newest stamp of each sensor
+        self._sequences = {sensor: StampSequence(sensor) for sensor in (Sensor.GYRO, Sensor.TRACKS)}
+        self._clocks = ClockWatch()
         self._beginning: list[Sample] | None = []  # until it is confirmed
 
     def add(self, sample: Sample) -> bool:
@@ -70,53 +76,79 @@ class YawFusion:
         One that is far ahead of all others is not believed before another confirms it; should that happen, it is taken
         in then.
         """
-        sensor = sensor_of(sample).value
+        sensor = sensor_of(sample)
         fault = fault_of(sample)
         if fault:
-            return self._refuse(sample, f"{sensor}: {fault}")
+            return self._refuse(sample, f"{sensor.value}: {fault}")
         newest_ns = self._timeline.newest_ns
         if newest_ns is not None and sample.t_ns < newest_ns - self._lag_ns:
-            self._refuse(sample, f"{sensor}: older than lag_window")
-            if not self._jumped_back(newest_ns - sample.t_ns):
-                return False
-            log.warning("time jumped back to %d ns: fusion starts anew", sample.t_ns)
-            self.counts["reset: time jumped back"] += 1
-            self.reset()
-        elif newest_ns is not None and sample.t_ns > newest_ns + self._reach_ns:
+            return self._too_old(sample, newest_ns)
+        if newest_ns is not None and sample.t_ns > newest_ns + self._reach_ns:
             return self._wait(sample, newest_ns)
+        for other in (self._ahead, self._behind):
+            other.opposed(sensor, newest_ns or 0)
+        self._clocks.well(sensor)
         taken = self._take(sample)
-        for waiting in self._far_ahead.reached(self._timeline.newest_ns or 0):
+        for waiting in self._ahead.caught_up((self._timeline.newest_ns or 0) + self._reach_ns):
             self._take(waiting)
         return taken
 
-    def _jumped_back(self, by_ns: int) -> bool:
-        """Count a sample that is too old; whether time itself must have jumped back."""
-        self._too_old_in_a_row += by_ns > self._reach_ns  # over a shorter way the others catch up by themselves
-        return self._too_old_in_a_row >= JUMP_BACK
+    def flush(self) -> None:
+        """Take in what still waits to be confirmed and was never contradicted: no more samples will come."""
+        if self._ahead.samples and not self._ahead.against:
+            for sample in self._ahead.leave(ABANDONED_NS):
+                self._take(sample)
+
+    def _too_old(self, sample: Sample, newest_ns: int) -> bool:
+        """Refuse a sample that is older than the lag window, unless time itself has jumped back."""
+        sensor = sensor_of(sample)
+        self._refuse(sample, f"{sensor.value}: older than lag_window")
+        if newest_ns - sample.t_ns <= self._reach_ns:
+            return False  # over so short a way the others catch up by themselves
+        self._clocks.astray(sensor, sample.t_ns, newest_ns)
+        self._behind.add(sample, newest_ns)
+        if not self._behind.believed(self._heard, newest_ns, self._reach_ns):
+            return False
+        log.warning("time jumped back to %d ns: fusion starts anew", sample.t_ns)
+        self.counts["reset: time jumped back"] += 1
+        group = self._behind.leave(ABANDONED_NS)
+        self._restart(self._filter.lost(self._timeline.state, UNKNOWN_TURN))
+        for one in group:
+            self._take(one)
+        return True
 
     def _wait(self, sample: Sample, newest_ns: int) -> bool:
         """Let a sample wait that is far ahead; False as long as no other confirms it."""
-        self._refuse(sample, f"{sensor_of(sample).value}: far ahead of all others")
-        group = self._far_ahead.add(sample, newest_ns)
-        if group and self._beginning is not None:
+        sensor = sensor_of(sample)
+        self._refuse(sample, f"{sensor.value}: far ahead of all others")
+        self._clocks.astray(sensor, sample.t_ns, newest_ns)
+        self._ahead.add(sample, newest_ns)
+        if not self._ahead.believed(self._heard, newest_ns, self._reach_ns):
+            return False
+        group = self._ahead.leave(ABANDONED_NS)
+        if self._beginning is not None:
             self.reset()  # what came before was never confirmed: a wrong stamp at the very start
+        self._clocks = ClockWatch()
         for one in group:
             self._take(one)
-        return bool(group)
+        return True
 
     def _take(self, sample: Sample) -> bool:
-        """Put a sample whose stamp is believed into the timeline; False if it is there already."""
-        sensor, event = sensor_of(sample).value, event_of(sample)
-        self._too_old_in_a_row = 0
+        """Put a sample whose stamp is believed into the timeline; False if there is one at its place already."""
+        sensor = sensor_of(sample)
         if self._beginning is not None:
             self._beginning.append(sample)
             self._beginning = None if confirmed(self._beginning) else self._beginning[:1]
+        event = event_of(sample)
+        if self._timeline.holds(event):
+            return self._refuse(sample, f"{sensor.value}: duplicate")
+        if sensor in self._sequences and not self._sequences[sensor].fits(sample.t_ns):
+            return self._refuse(sample, f"{sensor.value}: its stamp repeats or goes back")
         if isinstance(event, CompassEvent):
             self._remember_reference(event.sample)
         arrival = self._timeline.add(event)
-        if arrival is Arrival.DUPLICATE:
-            return self._refuse(sample, f"{sensor}: duplicate")
-        self.counts[f"{sensor}: {'late' if arrival is Arrival.LATE else 'in order'}"] += 1
+        self._heard[sensor] = max(self._heard.get(sensor, 0), sample.t_ns)
+        self.counts[f"{sensor.value}: {'late' if arrival is Arrival.LATE else 'in order'}"] += 1
         return True
 
     def _remember_reference(self, increment: YawIncrement) -> None:
@@ -149,7 +181,15 @@ class YawFusion:
     def estimate(self, t_ns: int | None = None) -> YawEstimate | None:
         """The estimate after the newest sample, predicted to `t_ns`, ns, where that is later; None before the first."""
         state = self._timeline.state
-        return estimate_of(state if t_ns is None else self._filter.predicted(state, t_ns))
+        estimate = estimate_of(state if t_ns is None else self._filter.predicted(state, t_ns))
+        stamps = self._stamp_warnings()
+        if estimate is None or not stamps:
+            return estimate
+        return replace(estimate, warnings=tuple(most_serious_first((*estimate.warnings, *stamps))))
+
+    def _stamp_warnings(self) -> list[Warning]:
+        """What is wrong with clocks and stamps."""
+        return self._clocks.warnings() + [w for sequence in self._sequences.values() for w in sequence.warnings()]
 
     @property
     def state(self) -> FilterState:
@@ -180,6 +220,7 @@ class YawPipeline:
         self.leans = LeanLog()
         self.warning_sources: list[Callable[[], Iterable[Warning]]] = []
         self._log = WarningLog()
+        self.warning_sources.append(lambda: image_warnings(self.compass))
         self._refusals = RefusalWatch()
         self.fusion = YawFusion(fusion_config)
         # the delay as given: what is learnt beyond it would depend on who came late

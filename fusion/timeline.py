@@ -72,6 +72,11 @@ class Timeline(Generic[E, S]):
     def __len__(self) -> int:
         return len(self._events)
 
+    def holds(self, event: E) -> bool:
+        """Whether the very same event is in it already."""
+        place = bisect_left(self._orders, event.order)
+        return place < len(self._orders) and self._orders[place] == event.order
+
     def add(self, event: E) -> Arrival:
         """Apply an event at its own time."""
         if self._newest_ns is not None and event.t_ns < self._newest_ns - self._window_ns:
