@@ -37,6 +37,7 @@ from fusion.timeline import Arrival, Timeline
 
 log = logging.getLogger(__name__)
 SHORTEST_REACH_NS = 1_000_000_000  # a stamp off by less does no harm that lasts
+PACE = 3  # times the last gap between two samples of a sensor, within which the next one is expected
 UNKNOWN_TURN = math.pi**2 / 3.0  # rad^2, variance of a heading of which nothing is known
 
 
@@ -66,6 +67,7 @@ class YawFusion:
         self._last_far: YawIncrement | None = None
         self._ahead, self._behind = Elsewhen(True, max(lag_ns, LONE_NS)), Elsewhen(False, BACKLOG_NS)
         self._heard: dict[Sensor, int] = {}  # newest stamp of each sensor
+        self._gaps: dict[Sensor, int] = {}  # between its last two
         self._sequences = {sensor: StampSequence(sensor) for sensor in (Sensor.GYRO, Sensor.TRACKS)}
         self._clocks = ClockWatch()
         self._beginning: list[Sample] | None = []  # until it is confirmed
@@ -83,7 +85,7 @@ class YawFusion:
         newest_ns = self._timeline.newest_ns
         if newest_ns is not None and sample.t_ns < newest_ns - self._lag_ns:
             return self._too_old(sample, newest_ns)
-        if newest_ns is not None and sample.t_ns > newest_ns + self._reach_ns:
+        if newest_ns is not None and sample.t_ns > newest_ns + self._reach_of(sensor):
             return self._wait(sample, newest_ns)
         for other in (self._ahead, self._behind):
             other.opposed(sensor, newest_ns or 0)
@@ -92,6 +94,11 @@ class YawFusion:
         for waiting in self._ahead.caught_up((self._timeline.newest_ns or 0) + self._reach_ns):
             self._take(waiting)
         return taken
+
+    def _reach_of(self, sensor: Sensor) -> int:
+        """How far ahead of all others a sample is believed, ns; the only sensor there is keeps to its own pace."""
+        alone = all(other is sensor for other in self._heard)
+        return max(self._reach_ns, PACE * self._gaps.get(sensor, 0)) if alone else self._reach_ns
 
     def flush(self) -> None:
         """Take in what still waits to be confirmed and was never contradicted: no more samples will come."""
@@ -126,7 +133,7 @@ class YawFusion:
         if not self._ahead.believed(self._heard, newest_ns, self._reach_ns):
             return False
         group = self._ahead.leave(ABANDONED_NS)
-        if self._beginning is not None:
+        if self._beginning is not None and group[0].t_ns - newest_ns > PACE * (group[-1].t_ns - group[0].t_ns):
             self.reset()  # what came before was never confirmed: a wrong stamp at the very start
         self._clocks = ClockWatch()
         for one in group:
@@ -147,13 +154,16 @@ class YawFusion:
         if isinstance(event, CompassEvent):
             self._remember_reference(event.sample)
         arrival = self._timeline.add(event)
+        if sample.t_ns > self._heard.get(sensor, sample.t_ns):
+            self._gaps[sensor] = sample.t_ns - self._heard[sensor]
         self._heard[sensor] = max(self._heard.get(sensor, 0), sample.t_ns)
         self.counts[f"{sensor.value}: {'late' if arrival is Arrival.LATE else 'in order'}"] += 1
         return True
 
     def _remember_reference(self, increment: YawIncrement) -> None:
         """See to it that the filter has the yaw at an increment's reference, as far as it may go back for that."""
-        if needs_reference(increment, self._last_far, self._reference_ns):
+        first = self._timeline.newest_ns is None  # then there is no yaw but the initial one, which it had then
+        if first or needs_reference(increment, self._last_far, self._reference_ns):
             self._timeline.add(reference_of(increment))
         if increment.far:
             self._last_far = increment
@@ -261,6 +271,10 @@ class YawPipeline:
         """All that was wrong so far."""
         self._log.note(self.warnings())
         return self._log
+
+    def flush(self) -> None:
+        """Take in what still waits to be confirmed: no more samples will come."""
+        self.fusion.flush()
 
     def reset(self) -> None:
         """Start compass and fusion anew."""

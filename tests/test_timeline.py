@@ -231,3 +231,45 @@ def test_stamp_a_little_ahead_does_not_start_anew():
             fusion.add(GyroSample(1_900_000_000, 0.5))
     assert fusion.estimate().yaw == pytest.approx(1.495, abs=0.02)
     assert not any(reason.startswith("reset") for reason in fusion.counts)
+
+
+def test_only_sensor_is_believed_however_slow_it_is():
+    """A camera of half a hertz: nobody can contradict its stamps."""
+    fusion = YawFusion()
+    taken = [fusion.add(YawIncrement(2 * i * SECOND, 2 * (i + 1) * SECOND, 0.1, 1e-6, 0.9)) for i in range(6)]
+    assert taken.count(False) <= 1  # the second waits for the third, which tells its pace
+    assert fusion.estimate().t_ns == 12 * SECOND
+    assert fusion.estimate().yaw == pytest.approx(0.6, abs=1e-3)
+
+
+def test_what_waits_to_be_confirmed_is_taken_in_at_the_end():
+    fusion = YawFusion()
+    fusion.add(YawIncrement(0, SECOND, 0.1, 1e-6, 0.9))
+    assert not fusion.add(YawIncrement(SECOND, 4 * SECOND, 0.2, 1e-6, 0.9))
+    fusion.flush()
+    assert fusion.estimate().t_ns == 4 * SECOND
+    assert fusion.estimate().yaw == pytest.approx(0.3, abs=1e-3)
+
+
+@pytest.mark.parametrize("old_s", [1.5, 3600.0])
+def test_burst_of_old_samples_of_one_sensor_is_no_jump_of_time(old_s):
+    clean, spoilt = YawFusion(), YawFusion()
+    for number, sample in enumerate(DRIVE):
+        clean.add(shifted(sample, 10**18))
+        spoilt.add(shifted(sample, 10**18))
+        if number == len(DRIVE) // 2:
+            for k in range(50):
+                spoilt.add(GyroSample(10**18 + sample.t_ns - round(old_s * SECOND) + k * 10_000_000, 0.3))
+    assert spoilt.estimate() == clean.estimate()
+
+
+def test_clock_that_goes_back_within_the_lag_window_is_not_sorted_among_what_was_there():
+    """The stamps of the IMU go back by 0.5 s: the same time again, with what the robot did half a second later."""
+    fusion = YawFusion()
+    for k in range(300):
+        t_ns = 10**18 + k * 10_000_000 - (504_000_000 if k >= 150 else 0)
+        fusion.add(GyroSample(t_ns, 0.0 if k < 150 else 1.0))
+        if k % 2 == 0:
+            fusion.add(OdometrySample(10**18 + k * 10_000_000, 0.0, 0.0))
+    assert fusion.counts["gyro: its stamp repeats or goes back"] >= 50
+    assert "stamps_not_increasing" in [warning.code for warning in fusion.estimate().warnings]

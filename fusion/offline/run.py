@@ -175,6 +175,7 @@ class _Run:
 
     def close(self) -> list[Warned]:
         """Note the last samples; returns all that was wrong."""
+        self.pipeline.flush()
         if self._last_ns is not None and self.rows and self._last_ns > self.rows[-1].t_ns:
             self._note(self._last_ns, None)
         return self._history.finish(self.pipeline.warnings())
