@@ -13,11 +13,12 @@ import numpy as np
 
 from compass import YawIncrement, wrap_angle
 from compass.attitude import beyond_error
+from fusion.checks.claims import gyro_claim, tracks_claim
 from fusion.checks.explain import warnings_of
 from fusion.checks.isolation import DOUBT, Doubt, Isolation, Remedy
 from fusion.checks.judge import judge
 from fusion.checks.refusal import Refusal
-from fusion.checks.turns import LONGEST_WINDOW_NS, SAME_NUMBER, Claim, Turns, Window
+from fusion.checks.turns import LONGEST_WINDOW_NS, SAME_NUMBER, Claim, Start, Turns, Window
 from fusion.checks.warnings import Warning
 from fusion.clones import Clone, Clones
 from fusion.config import FusionConfig
@@ -27,7 +28,7 @@ from fusion.exposure import Exposure, GyroTrail
 from fusion.gating import Gate, Verdict, gate_limit
 from fusion.lean import LEAN_ERROR, BiasGain, heading_change
 from fusion.samples import GyroSample, YawEstimate
-from fusion.standstill import CREEP, CREEP_RATE, Stillness
+from fusion.standstill import Stillness
 from fusion.stray import Stray
 from fusion.tracks import TrackClaim, TrackVoice
 
@@ -394,14 +395,15 @@ class YawFilter:
         start_ns = turns.start_ns if turns.start_ns is not None else t_ns
         joined = increment is None or (turns.compass is not None and turns.compass.start_ns == start_ns)
         if joined and 0 < t_ns - start_ns <= LONGEST_WINDOW_NS:
-            window, bias = self._window(state, start_ns), float(ekf.x[State.BIAS])
+            window, bias = self._window(state, start_ns), turns.start.bias
             state.isolation, remedy = judge(state.isolation, window, bias)
             moved = self._apply(state, remedy)
             state.warnings = warnings_of(state.isolation)
+            if state.isolation.excludes(Sensor.GYRO):
+                state.trail = GyroTrail()
             if state.isolation.excludes(Sensor.COMPASS):
                 state.refusal = None
-        yaw, rate = float(ekf.x[State.YAW]), float(ekf.x[State.RATE])
-        state.turns = state.turns.anew(t_ns, yaw, rate, increment)
+        state.turns = state.turns.anew(t_ns, Start.of(ekf), increment)
         return moved
 
     def _apply(self, state: FilterState, remedy: Remedy) -> bool:
@@ -420,13 +422,15 @@ class YawFilter:
         ekf.x = x
         ekf.widen(State.CAMERA_DELAY, remedy.delay**2)
         ekf.widen(State.YAW, remedy.shift_variance)
+        if remedy.shift:  # what was learnt meanwhile of the tracks was learnt from what is taken back
+            ekf.renew(State.SCALE, state.turns.start.scale_sigma**2, state.turns.start.scale)
         # nor is the yaw to be held at what it seemed to be meanwhile
         state.stillness = replace(state.stillness, reference_ns=None)
         state.refusal = None
         return True
 
     def _window(self, state: FilterState, start_ns: int) -> Window:
-        """What each sensor says of the window that ends now, with its calibration taken out."""
+        """What each sensor says of the window that ends now, calibrated as known at its beginning."""
         x, turns, t_ns = self._ekf.x, state.turns, state.t_ns or 0
         compass = turns.compass
         seen = Claim(compass.turn, math.sqrt(compass.turn_variance)) if compass and compass.t_ns == t_ns else None
@@ -434,41 +438,14 @@ class YawFilter:
         return Window(
             start_ns,
             t_ns,
-            self._gyro_claim(turns, start_ns, t_ns),
-            self._tracks_claim(turns, start_ns, t_ns),
+            gyro_claim(turns, start_ns, t_ns, self.config),
+            tracks_claim(turns, start_ns, t_ns, self.config),
             seen,
-            float(x[State.YAW]) - turns.start_yaw,
+            float(x[State.YAW]) - turns.start.yaw,
             repeats,
             state.track_voice.pose or state.track_voice.twist,
-            float(x[State.RATE]) - turns.start_rate,
+            float(x[State.RATE]) - turns.start.rate,
         )
-
-    def _gyro_claim(self, turns: Turns, start_ns: int, t_ns: int) -> Claim | None:
-        """By how much the robot turned as the gyro says."""
-        gyro, x, P, seconds = turns.gyro, self._ekf.x, self._ekf.P, (t_ns - start_ns) * 1e-9
-        if gyro is None or not gyro.spans(start_ns, t_ns):
-            return None
-        gain = 1.0 + float(x[State.GYRO_SCALE])
-        turn = (gyro.turn_until(t_ns) - float(x[State.BIAS]) * seconds) / gain
-        noise = self.config.gyro_sigma * seconds / math.sqrt(gyro.count)
-        lasting = math.sqrt(float(P[State.BIAS, State.BIAS])) * seconds
-        return Claim(turn, math.hypot(noise, lasting), math.sqrt(float(P[State.GYRO_SCALE, State.GYRO_SCALE])) / gain)
-
-    def _tracks_claim(self, turns: Turns, start_ns: int, t_ns: int) -> Claim | None:
-        """By how much the robot turned as the tracks say."""
-        tracks, x, P, config = turns.tracks, self._ekf.x, self._ekf.P, self.config
-        if tracks is None or not tracks.spans(start_ns, t_ns):
-            return None
-        seconds, claimed, scale = (t_ns - start_ns) * 1e-9, tracks.turn_until(t_ns), float(x[State.SCALE])
-        if abs(claimed) <= CREEP_RATE * seconds and tracks.distance <= CREEP * seconds:
-            return Claim(claimed / scale, CREEP_RATE * seconds)
-        noise = math.hypot(
-            config.track_noise * math.sqrt(seconds),
-            config.track_slip_turn * claimed,
-            (config.track_slip_speed + config.veer_sigma) * tracks.distance,
-            config.track_timing * (tracks.rate - tracks.start_rate),
-        )
-        return Claim(claimed / scale, noise / scale, math.sqrt(float(P[State.SCALE, State.SCALE])) / scale)
 
     def _judge(self, state: FilterState, sensor: Sensor, measurement: Measurement) -> Verdict:
         """Pass a measurement through its gate and fuse it if accepted."""
@@ -499,7 +476,9 @@ class YawFilter:
         """What happened between the exposure of an image stamped at present, and now."""
         if state.stillness.standing:
             return Exposure()
-        return self._ekf.exposure(state.t_ns or 0, state.trail if state.hears(Sensor.GYRO) else None)
+        return self._ekf.exposure(
+            state.t_ns or 0, state.trail if state.trail.t_ns and state.hears(Sensor.GYRO) else None
+        )
 
 
 def estimate_of(state: FilterState) -> YawEstimate | None:

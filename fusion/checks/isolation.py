@@ -22,6 +22,7 @@ from fusion.events import Sensor
 
 GROSS = 0.02  # rad/s; smaller contradictions are for the filter's gates to settle
 CLEAR = 5.0  # standard deviations of a contradiction
+CLEAR_SCALE = 2.5  # of scale factors: theirs are no normal distributions, none is negative
 MOST_STRIKES = 6
 EVIDENCE = 20  # windows with a contradiction that are remembered, to name the fault
 # Probability that a sensor is right that is not followed although nobody could tell: a share of its claim beyond the
@@ -34,7 +35,8 @@ BEST_FIRST = (Sensor.COMPASS, Sensor.GYRO, Sensor.TRACKS)
 
 def limit(one: Claim, other: Claim, seconds: float) -> float:
     """By how much two claims may differ before they contradict, rad."""
-    return max(GROSS * seconds, CLEAR * math.hypot(one.sigma, other.sigma))
+    noise, scale = math.hypot(one.noise, other.noise), math.hypot(one.scale * one.turn, other.scale * other.turn)
+    return max(GROSS * seconds, CLEAR * noise + CLEAR_SCALE * scale)
 
 
 def contradict(one: Claim | None, other: Claim | None, seconds: float) -> bool:
@@ -231,6 +233,8 @@ class Isolation:
         How many were compared.
     last : Window or None
         The last of them: a fault may have begun in it without being seen.
+    long : Window or None
+        The last ones together, in which nothing contradicted: what is lost in the noise of one shows in several.
     """
 
     exclusions: tuple[Exclusion, ...] = ()
@@ -239,6 +243,7 @@ class Isolation:
     strikes: tuple[int, ...] = (0,) * len(Sensor)
     windows: int = 0
     last: Window | None = None
+    long: Window | None = None
 
     def excludes(self, sensor: Sensor) -> bool:
         """Whether a sensor is not listened to."""

@@ -11,6 +11,7 @@ from fusion.events import Sensor
 
 RADIANS = (45.0, 72.0)  # ratio of turns that only degrees taken for radians explain: 57.3 but for a quarter
 TURNED = 0.02  # rad in a window; a ratio to less says nothing
+LONG = 6.0  # s; in longer ones errors that last are no noise any more
 STUCK = 0.2  # ratio of turns; less is no scale factor
 SLIPPED_ON = 3  # windows; tracks that slip for longer do not see the robot turn
 TIMED = 0.95  # of squared contradictions, explained by a time offset
@@ -44,7 +45,22 @@ def judge(iso: Isolation, window: Window, bias: float) -> Judged:
         if remedy.delay:  # that is all there is to this window
             break
     remedy = Remedy.of(remedies)
-    return replace(iso, last=None if remedy.shift or remedy.delay else window), remedy
+    if remedy.shift or remedy.delay:
+        return replace(iso, last=None, long=None), remedy
+    if iso.exclusions or iso.doubts:
+        return replace(iso, last=window, long=None), remedy
+    iso, more = _judge_long(replace(iso, last=window), window, bias)
+    return iso, Remedy.of((remedy, more))
+
+
+def _judge_long(iso: Isolation, window: Window, bias: float) -> Judged:
+    """Judge several windows as one, in which nothing contradicted so far."""
+    before = iso.long if iso.long and iso.long.t_ns == window.start_ns else None
+    long = before.plus(window) if before else window
+    iso, remedy = _judge_trusted(replace(iso, last=None), long, bias) if before else (iso, Remedy())
+    if remedy.shift or iso.exclusions or iso.doubts:
+        return replace(iso, last=None, long=None), remedy
+    return replace(iso, last=window, long=long if long.seconds < LONG else None), remedy
 
 
 def surely_gyro(window: Window, turn: float) -> bool:
@@ -69,6 +85,9 @@ def _settle_doubts(iso: Isolation, window: Window, bias: float) -> Judged:
     remedies = []
     for doubt in iso.doubts:
         side = doubt.third.side
+        gyro, compass = window.gyro, window.compass
+        if doubt.sensor is not Sensor.TRACKS and gyro and compass and contradict(gyro, compass, window.seconds):
+            side = doubt.sensor is Sensor.COMPASS if surely_gyro(window, compass.turn) and side is None else side
         if side is False:  # it erred: the one that is followed is right
             iso = iso.sure_of(doubt.sensor)
         elif side is True:

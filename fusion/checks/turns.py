@@ -7,9 +7,10 @@ turns are changes of heading in rad, to the left, and hold from the stamp of the
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 from compass import YawIncrement
+from fusion.ekf import State, YawEkf
 from fusion.events import Sensor
 from fusion.samples import GyroSample, OdometrySample
 from fusion.standstill import CompassTurn
@@ -81,6 +82,47 @@ class RateTurn:
 
 
 @dataclass(frozen=True, slots=True)
+class Start:
+    """What the filter knew at the beginning of a window.
+
+    Attributes
+    ----------
+    yaw, rate : float
+        rad, rad/s.
+    bias, bias_sigma : float
+        Of the gyro, rad/s.
+    gyro_scale, gyro_scale_sigma : float
+        Excess of the gyro's scale factor over one.
+    scale, scale_sigma : float
+        Of the tracks.
+    """
+
+    yaw: float = 0.0
+    rate: float = 0.0
+    bias: float = 0.0
+    bias_sigma: float = 0.0
+    gyro_scale: float = 0.0
+    gyro_scale_sigma: float = 0.0
+    scale: float = 1.0
+    scale_sigma: float = 0.0
+
+    @staticmethod
+    def of(ekf: YawEkf) -> Start:
+        """What it knows now."""
+        x, sigma = ekf.x, [math.sqrt(float(ekf.P[i, i])) for i in (State.BIAS, State.GYRO_SCALE, State.SCALE)]
+        return Start(
+            float(x[State.YAW]),
+            float(x[State.RATE]),
+            float(x[State.BIAS]),
+            sigma[0],
+            float(x[State.GYRO_SCALE]),
+            sigma[1],
+            float(x[State.SCALE]),
+            sigma[2],
+        )
+
+
+@dataclass(frozen=True, slots=True)
 class Turns:
     """The present window as far as it has come.
 
@@ -88,8 +130,8 @@ class Turns:
     ----------
     start_ns : int or None
         When it began; None before the first sample.
-    start_yaw, start_rate : float
-        What the filter had for yaw and turn rate then, rad and rad/s.
+    start : Start
+        What the filter knew then.
     gyro, tracks : RateTurn or None
     compass : CompassTurn or None
         None before the first increment, or while nothing joins the last one.
@@ -98,8 +140,7 @@ class Turns:
     """
 
     start_ns: int | None = None
-    start_yaw: float = 0.0
-    start_rate: float = 0.0
+    start: Start = field(default_factory=Start)
     gyro: RateTurn | None = None
     tracks: RateTurn | None = None
     compass: CompassTurn | None = None
@@ -121,11 +162,11 @@ class Turns:
         compass = self.compass.add(increment) if self.compass else CompassTurn.begin(increment)
         return replace(self, compass=compass, compass_ns=increment.t_ns)
 
-    def anew(self, t_ns: int, yaw: float, rate: float, increment: YawIncrement | None) -> Turns:
+    def anew(self, t_ns: int, start: Start, increment: YawIncrement | None) -> Turns:
         """The next window, which begins at the stamp `t_ns`; `increment`: that of the image it begins at, if any."""
         gyro, tracks = (turn.anew(t_ns) if turn else None for turn in (self.gyro, self.tracks))
         compass = CompassTurn.begin(increment) if increment else None
-        return Turns(t_ns, yaw, rate, gyro, tracks, compass, self.compass_ns)
+        return Turns(t_ns, start, gyro, tracks, compass, self.compass_ns)
 
     def ends_at_image(self) -> bool:
         """Whether the newest increment ends the window, or begins one because nothing joins it to the last."""
@@ -155,6 +196,12 @@ class Claim:
     turn: float
     noise: float
     scale: float = 0.0
+
+    def plus(self, later: Claim | None) -> Claim | None:
+        """Of this window and the next one together."""
+        if later is None:
+            return None
+        return Claim(self.turn + later.turn, math.hypot(self.noise, later.noise), max(self.scale, later.scale))
 
     @property
     def sigma(self) -> float:
@@ -192,6 +239,26 @@ class Window:
     tracks_spoke: bool = True
     rate_change: float = 0.0
 
+    def plus(self, later: Window) -> Window:
+        """This window and the next one as one."""
+        gyro, tracks, compass = (one and one.plus(other) for one, other in zip(self.claims, later.claims, strict=True))
+        return Window(
+            self.start_ns,
+            later.t_ns,
+            gyro,
+            tracks,
+            compass,
+            self.followed + later.followed,
+            self.gyro_repeats and later.gyro_repeats,
+            later.tracks_spoke,
+            self.rate_change + later.rate_change,
+        )
+
+    @property
+    def claims(self) -> tuple[Claim | None, ...]:
+        """In the order of `Sensor`."""
+        return self.gyro, self.tracks, self.compass
+
     @property
     def seconds(self) -> float:
         """Its length, s."""
@@ -199,4 +266,4 @@ class Window:
 
     def claim(self, sensor: Sensor) -> Claim | None:
         """What a sensor says of it."""
-        return {Sensor.GYRO: self.gyro, Sensor.TRACKS: self.tracks, Sensor.COMPASS: self.compass}[sensor]
+        return dict(zip(Sensor, self.claims, strict=True))[sensor]

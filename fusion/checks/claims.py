@@ -1,0 +1,37 @@
+"""By how much the robot turned in a window as each rate sensor says, and how well it can know."""
+
+from __future__ import annotations
+
+import math
+
+from fusion.checks.turns import Claim, Turns
+from fusion.config import FusionConfig
+from fusion.standstill import CREEP, CREEP_RATE
+
+
+def gyro_claim(turns: Turns, start_ns: int, t_ns: int, config: FusionConfig) -> Claim | None:
+    """By how much the robot turned as the gyro says; None where it did not measure all of it."""
+    gyro, known, seconds = turns.gyro, turns.start, (t_ns - start_ns) * 1e-9
+    if gyro is None or not gyro.spans(start_ns, t_ns):
+        return None
+    gain = 1.0 + known.gyro_scale
+    turn = (gyro.turn_until(t_ns) - known.bias * seconds) / gain
+    noise = config.gyro_sigma * seconds / math.sqrt(gyro.count)
+    return Claim(turn, math.hypot(noise, known.bias_sigma * seconds), known.gyro_scale_sigma / gain)
+
+
+def tracks_claim(turns: Turns, start_ns: int, t_ns: int, config: FusionConfig) -> Claim | None:
+    """By how much the robot turned as the tracks say; None where they did not measure all of it."""
+    tracks, scale, seconds = turns.tracks, turns.start.scale, (t_ns - start_ns) * 1e-9
+    if tracks is None or not tracks.spans(start_ns, t_ns):
+        return None
+    claimed = tracks.turn_until(t_ns)
+    if abs(claimed) <= CREEP_RATE * seconds and tracks.distance <= CREEP * seconds:
+        return Claim(claimed / scale, CREEP_RATE * seconds)
+    noise = math.hypot(
+        config.track_noise * math.sqrt(seconds),
+        config.track_slip_turn * claimed,
+        (config.track_slip_speed + config.veer_sigma) * tracks.distance,
+        config.track_timing * (tracks.rate - tracks.start_rate),
+    )
+    return Claim(claimed / scale, noise / scale, turns.start.scale_sigma / scale)
