@@ -9,8 +9,10 @@ from typing import Any
 from compass.attitude import Vector
 from compass.errors import VisualCompassError
 from compass.image import Image, image_from_compressed, image_from_raw
+from fusion.imu.level import ImuLevel
 from fusion.samples import GyroSample, OdometrySample
-from fusion.vertical import ImuLevel
+
+NO_GYRO = "Imu message with the accelerometer only (half a message); the driver should send both in one"
 
 
 class MessageError(VisualCompassError, ValueError):
@@ -72,10 +74,13 @@ def gyro_sample(message: Any, level: ImuLevel) -> GyroSample:
     Raises
     ------
     MessageError
-        Zero stamp, or an IMU that says it has no gyro.
+        Zero stamp, an IMU that says it has no gyro, or a message without it (`NO_GYRO`).
     """
     reading = imu_reading(message)
-    return level.sample(reading.t_ns, reading.angular_velocity, reading.linear_acceleration, reading.orientation)
+    sample = level.sample(reading.t_ns, reading.angular_velocity, reading.linear_acceleration, reading.orientation)
+    if sample is None:
+        raise MessageError(NO_GYRO)
+    return sample
 
 
 def odometry_sample(message: Any) -> OdometrySample:

@@ -15,7 +15,7 @@ from compass.config import CompassConfig
 from compass.errors import ConfigError
 from compass.parameters import ParameterSet, ParameterSpec, Value, parameter
 from fusion.config import FusionConfig
-from fusion.vertical import ImuConfig
+from fusion.imu.level import ImuConfig
 
 NODE = "visual_compass"
 _NODES = ("/**", NODE, "compass_node", "fusion_node")  # later ones override earlier ones
