@@ -7,13 +7,16 @@ import math
 _SMALLEST = math.radians(20.0)  # rad/s, the smallest full scale on the market
 _RANGES = [math.radians(r) for r in (125.0, 250.0, 300.0, 450.0, 500.0, 1000.0, 2000.0)]  # usual full scales
 _NEAR = 0.002  # of the full scale: 32767 steps of 1/16.4 deg/s end at 1998 deg/s
-_RUN = 3  # equal values in a row; noise of three steps of the converter makes them once in a hundred
-_NOISY = 0.2  # most repetitions of a gyro whose noise is seen; one without noise repeats each constant rate
+_RUN = 3  # equal values in a row
+_REPEATS = 0.2  # of the samples, at most, are equal to the one before: noise of 1.5 steps of the converter and more
+# Of the samples, at least, whose acceleration changes to and fro: 0.7 of white noise however the robot turns, few of
+# smooth motion. Less than `_ROUNDING`, rad/s, is that of floats.
+_NOISY, _ROUNDING = 0.25, 1e-9
 _ENOUGH = 20  # samples to know that
 
 
 class EndStop:
-    """One axis. A gyro that repeats values anyway (a simulated one) is at an end stop only where parts usually have it.
+    """One axis. A gyro without noise repeats every constant rate: only a usual full scale tells its end stop.
 
     Attributes
     ----------
@@ -23,23 +26,34 @@ class EndStop:
 
     def __init__(self) -> None:
         self.value = 0.0
-        self._last = math.nan
-        self._run = self._samples = self._repeats = 0
+        self._last = self._step = self._bend = math.nan
+        self._run = self._samples = self._repeats = self._reversals = 0
         self._greatest = 0.0
 
     def reached(self, rate: float) -> bool:
         """Take in a sample, rad/s; whether the true rate may be anything beyond it."""
-        size = abs(rate)
-        self._run = self._run + 1 if rate == self._last else 1
-        self._last = rate
-        if self._run < _RUN:
+        size, step = abs(rate), rate - self._last
+        bend = step - self._step
+        self._run = self._run + 1 if step == 0.0 else 1
+        if self._run == 1 or size < self._greatest:  # not where it may be at the stop
             self._samples += 1
-            self._repeats += self._run > 1
-        noisy = self._samples >= _ENOUGH and self._repeats <= _NOISY * self._samples
-        usual = any(abs(size / full - 1.0) < _NEAR for full in _RANGES)
-        if self._run >= _RUN and size >= max(_SMALLEST, self._greatest) and (noisy or usual):
-            self.value = size
+            self._repeats += step == 0.0
+            self._reversals += bend * self._bend < 0.0 and abs(bend) > _ROUNDING
+        self._last, self._step, self._bend = rate, step, bend
         self._greatest = max(self._greatest, size)
         if size > (1.0 + _NEAR) * self.value:  # it goes further: no end stop
             self.value = 0.0
+        if self._run >= _RUN and size >= max(_SMALLEST, self._greatest) and (self._noisy or _usual(size)):
+            self.value = size
         return self.value > 0.0 and size >= (1.0 - _NEAR) * self.value
+
+    @property
+    def _noisy(self) -> bool:
+        """Whether the gyro's noise is seen, and is not lost in the steps of its converter."""
+        enough, few = self._reversals >= _NOISY * self._samples, self._repeats <= _REPEATS * self._samples
+        return self._samples >= _ENOUGH and enough and few
+
+
+def _usual(size: float) -> bool:
+    """Whether parts have such a full scale, rad/s."""
+    return any(abs(size / full - 1.0) < _NEAR for full in _RANGES)

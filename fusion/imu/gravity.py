@@ -13,6 +13,7 @@ _YOUNG = 3.0  # s; from less a start would be taken for a bias
 _UNITS = ((9.80665, "m/s^2"), (1.0, "g"), (1000.0, "milli-g or cm/s^2"), (9806.65, "mm/s^2"))
 # A cheap accelerometer errs by 0.5 m/s^2 and 3 %, a robot's own acceleration by little once averaged.
 _LENGTH_ERROR = 0.2
+_PROVEN = 0.25  # s; before, a bump of 1 m/s^2 on an accelerometer without gravity would be taken for 1 g
 
 
 class Gravity:
@@ -47,7 +48,8 @@ class Gravity:
     @property
     def unit(self) -> str | None:
         """The unit in which `length` is gravity; None where it is in none."""
-        return next((name for g, name in _UNITS if abs(self.length / g - 1.0) <= _LENGTH_ERROR), None)
+        known = _UNITS if self._heard >= _PROVEN else _UNITS[:1]
+        return next((name for g, name in known if abs(self.length / g - 1.0) <= _LENGTH_ERROR), None)
 
     @property
     def silent(self) -> bool:
@@ -62,7 +64,7 @@ class Gravity:
     @property
     def settled(self) -> bool:
         """Whether it has been averaged for long enough to outlive its source."""
-        return self._heard >= _YOUNG
+        return self._heard >= min(_YOUNG, self._seconds)
 
     def follow(self, step_ns: int, rate: Vector, acceleration: Sequence[float] | None) -> None:
         """Take in a reading: time since the last, ns; angular velocity, rad/s; specific force, any unit."""

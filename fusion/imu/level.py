@@ -96,7 +96,7 @@ class ImuLevel:
         t_ns : int
             ``header.stamp``, ns.
         angular_velocity : (3,) sequence of float
-            rad/s in the IMU's frame.
+            rad/s in the IMU's frame; three times NaN where the message carries none.
         linear_acceleration : (3,) sequence of float, optional
             Specific force in the IMU's frame, gravity included (points up at rest); m/s^2 or g; None where unknown.
         orientation : (4,) sequence of float, optional
@@ -105,13 +105,15 @@ class ImuLevel:
         Returns
         -------
         GyroSample or None
-            None for a message that carries the accelerometer only. Its `yaw_rate` is not finite where
+            None for a message that carries no gyro. Its `yaw_rate` is not finite where
             `angular_velocity` isn't: the filter counts and refuses it. Its `variance` is large at an end stop.
         """
         rate = vector(angular_velocity)
         force = linear_acceleration if linear_acceleration is not None and any(linear_acceleration) else None
-        carries = self._halves.carries_gyro(any(rate), force is not None)
-        force = self._force if force is None else force  # the half that came before belongs to this gyro
+        absent = all(map(math.isnan, rate))
+        carries = not absent and self._halves.carries_gyro(any(rate), force is not None)
+        if force is None or any(map(math.isnan, force)):
+            force = self._force  # the half that came before belongs to this gyro
         self._force = None if carries else force
         if not carries:
             return None

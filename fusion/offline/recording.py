@@ -20,7 +20,7 @@ from compass.image import Image
 from fusion.checks.warnings import Warning, WarningLog
 from fusion.imu.level import ImuConfig, ImuLevel
 from fusion.lean import LATEST_NS, NEAR_NS, up_later
-from fusion.messages import NO_GYRO, MessageError, image_of, imu_reading, odometry_sample
+from fusion.messages import NO_GYRO, NOTHING, MessageError, image_of, imu_reading, odometry_sample
 from fusion.offline.bag import Bag, BagError, Message, Topic
 from fusion.offline.decode import decode_ahead
 from fusion.offline.topics import TopicChoice
@@ -235,9 +235,12 @@ def read_recording(
     progress(1.0)
     level, warnings = ImuLevel(imu), WarningLog()
     gyro = GyroTrack.of(_levelled(_sorted(bag, columns_of, choice.gyro, 10), level, warnings))
-    halves = len(columns_of[choice.gyro.name].t_ns) - gyro.t_ns.size if choice.gyro else 0
-    if choice.gyro and halves:
-        dropped[f"{choice.gyro.name}: {NO_GYRO}"] += halves
+    if choice.gyro:
+        without = len(columns_of[choice.gyro.name].t_ns) - gyro.t_ns.size
+        if not gyro.t_ns.size:
+            told = f"none of its {without} messages is usable: {NO_GYRO}; leave it out with --gyro-topic none"
+            raise BagError(f"{bag.path}: {choice.gyro.name}: {told}")
+        dropped += Counter({f"{choice.gyro.name}: {NO_GYRO}": without})
     tracks = _sorted(bag, columns_of, choice.odometry, 3)
     truth = _sorted(bag, columns_of, choice.truth, 3)
     return BagRecording(
@@ -295,9 +298,8 @@ class _Columns:
 
 def _imu_row(message: Any) -> tuple[int, tuple[float, ...]]:
     reading = imu_reading(message)
-    nothing = (np.nan,) * 4
-    force, turn = reading.linear_acceleration or nothing[:3], reading.orientation or nothing
-    return reading.t_ns, (*reading.angular_velocity, *force, *turn)
+    rate, force = reading.angular_velocity or NOTHING, reading.linear_acceleration or NOTHING
+    return reading.t_ns, (*rate, *force, *(reading.orientation or (np.nan,) * 4))
 
 
 def _odometry_row(message: Any) -> tuple[int, tuple[float, ...]]:
