@@ -183,9 +183,10 @@ def scaled_gyro(factor):
         (lambda image: image[:, ::-1], "mirrored or upside-down"),
         (lambda image: image[::-1, ::-1], "mirrored or upside-down"),
         (lambda image: cv2.resize(image[:, 64:192], (256, 128)), "contradict"),
-        (lambda image: CALM, "do not turn with the robot"),
+        (lambda image: CALM ^ (image & 3), "do not turn with the robot"),
+        (lambda image: CALM, "no second on end"),
     ],
-    ids=["mirrored", "upside down", "half a circle", "do not turn"],
+    ids=["mirrored", "upside down", "half a circle", "do not turn", "frozen"],
 )
 def test_calibrate_refuses_panoramas_that_contradict_the_gyro(tmp_path, capsys, change, says):
     with TinyBag(tmp_path / "bag") as bag:

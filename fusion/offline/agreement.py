@@ -14,10 +14,11 @@ from fusion.offline.scores import GYRO, TRACKS, YawTrack, gyro_alone, tracks_alo
 
 _SEGMENT_NS = 1_000_000_000  # long beside a camera's delay, short beside a gyro's drift
 _TURNING = math.radians(3.0)  # in a segment; a gyro's bias of 0.01 rad/s makes 0.6 deg
-LEAST = math.radians(90.0)  # of turning, all segments together
-# What the compass may turn over what the others claim: a consumer gyro's scale is good to 3 %; tracks claim from half
+LEAST = math.radians(120.0)  # of turning, all segments together
+# What the compass may turn over what the others claim. A robot in its view, for which calibration is there, draws it
+# down (a body in 40 % of the region: 0.88); panoramas of three quarters of the circle are 1.33. Tracks claim from half
 # the true turn to three times as much.
-_BOUNDS = {GYRO: (0.9, 1.1), TRACKS: (0.33, 2.0)}
+_BOUNDS = {GYRO: (0.5, 1.15), TRACKS: (0.25, 2.0)}
 _ALIKE = 0.9  # least correlation with the compass's turns; tracks that slip keep to 0.95
 
 
@@ -62,6 +63,9 @@ def _compared(run: FusedRun) -> str | None:
     if not others:
         return "neither gyro nor tracks in it; the compass needs another witness to be calibrated"
     segments = list(_segments(run))
+    if not segments:
+        images = sum(row.compass is not None for row in run.rows)
+        return f"the compass measured no second on end in {images} images; `visual-compass fuse` counts why"
     for name, track in others.items():
         word = name.removesuffix(" alone")
         if not _common(segments, track):
@@ -122,10 +126,10 @@ def _words(claims: Mapping[str, Claim], wrong: str) -> str:
         f" {name.removesuffix(' alone')} (ratio {one.ratio:.2g}, correlation {one.correlation:.2g})"
         for name, one in claims.items()
     )
-    if claim.correlation < -0.5:
-        guess = "mirrored or upside-down panoramas, or a sensor of the wrong sign?"
-    elif claim.compass < 0.2 * claim.other:
+    if claim.compass < 0.2 * claim.other:
         guess = f"panoramas that do not turn with the robot, or a {word} in deg/s?"
+    elif claim.correlation < -0.5:
+        guess = "mirrored or upside-down panoramas, or a sensor of the wrong sign?"
     elif claim.other < 0.2 * claim.compass:
         guess = f"a {word} that does not measure turns?"
     else:

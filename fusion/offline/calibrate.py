@@ -178,10 +178,9 @@ def _region(evidence: Evidence, static: Mask, shown: YawTrack, config: CompassCo
                 )
     best = min(errors, key=errors.__getitem__)
     if errors[best] > WRONG_TURN:
-        told = f"of {TURN_STEP / DEG:.0f} deg contradict the fused yaw by {errors[best] / DEG:.0f} deg in the median"
-        raise BagError(
-            f"single turns of the panoramas {told}; do they show the full circle once? Nothing was calibrated"
-        )
+        off = f"are off by {errors[best] / DEG:.0f} deg" if math.isfinite(errors[best]) else "cannot be measured"
+        told = f"single turns of {TURN_STEP / DEG:.0f} deg between panoramas {off}"
+        raise BagError(f"{told}; do they show the full circle, turned about the vertical? Nothing was calibrated")
     first = (now.roi_top, now.roi_bottom)
     if errors[best] > 0.8 * errors[first]:
         best = first  # no clear gain: stay
