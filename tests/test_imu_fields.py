@@ -109,13 +109,14 @@ def told_by(kind, robot, mount):
         "constant": (0.5, 0.5, 0.5, 0.5),
         "yaw only": Rotation.from_euler("z", yaw).as_quat(),
         "z down": (Rotation.from_euler("x", 180, degrees=True) * robot).as_quat(),
+        "askew": (Rotation.from_euler("x", 15, degrees=True) * robot).as_quat(),
         "inverse": robot.inv().as_quat(),
         "zeros": (0.0, 0.0, 0.0, 0.0),
         "nan": (math.nan,) * 4,
     }[kind]
 
 
-@pytest.mark.parametrize("kind", ["identity", "constant", "yaw only", "z down", "inverse", "zeros", "nan"])
+@pytest.mark.parametrize("kind", ["identity", "constant", "yaw only", "z down", "askew", "inverse", "zeros", "nan"])
 def test_orientation_that_contradicts_gravity_is_left_out(kind):
     readings = ((t, w, a, told_by(kind, robot, PITCHED)) for t, w, a, robot in drive(PITCHED))
     level, samples = fed(readings)
@@ -241,7 +242,9 @@ def test_end_stop_is_told_and_its_samples_say_that_the_rate_may_be_beyond(stop, 
 def test_end_stop_is_not_seen_in_a_gyro_that_turns_steadily(noise, lsb):
     rng = np.random.default_rng(1)
     t = np.arange(60 * HZ) / HZ
-    rates = 0.6 * np.clip(np.sin(t / 3.0) * 10.0, -1.0, 1.0) + (rng.normal(0.0, noise, t.size) if noise else 0.0)
+    rates = (
+        0.004 + 0.6 * np.clip(np.sin(t / 3.0) * 10.0, -1.0, 1.0) + (rng.normal(0.0, noise, t.size) if noise else 0.0)
+    )
     rates = lsb * np.round(rates / lsb) if lsb else rates
     level, samples = fed((k * 10**7, (0.0, 0.0, w), (0.0, 0.0, G)) for k, w in enumerate(rates.tolist()))
     assert codes(level) == []
