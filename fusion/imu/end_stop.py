@@ -12,7 +12,7 @@ _REPEATS = 0.2  # of the samples, at most, are equal to the one before: noise of
 # Of the samples, at least, whose acceleration changes to and fro: 0.7 of white noise however the robot turns, few of
 # smooth motion. Less than `_ROUNDING`, rad/s, is that of floats.
 _NOISY, _ROUNDING = 0.25, 1e-9
-_ENOUGH = 20  # samples to know that
+_ENOUGH = 50  # samples to know that
 
 
 class EndStop:
@@ -41,10 +41,10 @@ class EndStop:
             self._reversals += bend * self._bend < 0.0 and abs(bend) > _ROUNDING
         self._last, self._step, self._bend = rate, step, bend
         self._greatest = max(self._greatest, size)
-        if size > (1.0 + _NEAR) * self.value:  # it goes further: no end stop
-            self.value = 0.0
-        if self._run >= _RUN and size >= max(_SMALLEST, self._greatest) and (self._noisy or _usual(size)):
+        if self._run >= _RUN and size >= max(_SMALLEST, self._greatest):
             self.value = size
+        if size > (1.0 + _NEAR) * self.value or not (self._noisy or _usual(self.value)):
+            self.value = 0.0  # it goes further, or repeats itself anyway: no end stop
         return self.value > 0.0 and size >= (1.0 - _NEAR) * self.value
 
     @property
