@@ -9,8 +9,11 @@ from typing import Any
 from compass.attitude import Vector
 from compass.errors import VisualCompassError
 from compass.image import Image, image_from_compressed, image_from_raw
+from fusion.imu.level import ImuLevel
 from fusion.samples import GyroSample, OdometrySample
-from fusion.vertical import ImuLevel
+
+NO_GYRO = "Imu without angular velocity (covariance -1, NaN, or exact zeros in turn with the accelerations)"
+NOTHING: Vector = (math.nan, math.nan, math.nan)  # a vector that was not measured
 
 
 class MessageError(VisualCompassError, ValueError):
@@ -25,7 +28,7 @@ class ImuReading:
     ----------
     t_ns : int
         ``header.stamp``, ns.
-    angular_velocity : (3,) tuple of float
+    angular_velocity : (3,) tuple of float or None
         rad/s.
     linear_acceleration : (3,) tuple of float or None
         m/s^2, gravity included.
@@ -34,7 +37,7 @@ class ImuReading:
     """
 
     t_ns: int
-    angular_velocity: Vector
+    angular_velocity: Vector | None
     linear_acceleration: Vector | None
     orientation: tuple[float, float, float, float] | None
 
@@ -50,17 +53,17 @@ def stamp_to_ns(stamp: Any) -> int:
 def imu_reading(message: Any) -> ImuReading:
     """Fields of a ``sensor_msgs/Imu``.
 
+    A covariance that begins with -1 says that the field is not measured.
+
     Raises
     ------
     MessageError
-        Zero stamp, or an IMU that says it has no gyro.
+        Zero stamp.
     """
     rate, force, turn = message.angular_velocity, message.linear_acceleration, message.orientation
-    if message.angular_velocity_covariance[0] < 0.0:  # sensor_msgs/Imu: -1 says that the field is not measured
-        raise MessageError("Imu without angular velocity (its covariance begins with -1)")
     return ImuReading(
         stamp_to_ns(message.header.stamp),
-        (rate.x, rate.y, rate.z),
+        None if message.angular_velocity_covariance[0] < 0.0 else (rate.x, rate.y, rate.z),
         None if message.linear_acceleration_covariance[0] < 0.0 else (force.x, force.y, force.z),
         None if message.orientation_covariance[0] < 0.0 else (turn.x, turn.y, turn.z, turn.w),
     )
@@ -72,10 +75,14 @@ def gyro_sample(message: Any, level: ImuLevel) -> GyroSample:
     Raises
     ------
     MessageError
-        Zero stamp, or an IMU that says it has no gyro.
+        Zero stamp, or no gyro in the message.
     """
     reading = imu_reading(message)
-    return level.sample(reading.t_ns, reading.angular_velocity, reading.linear_acceleration, reading.orientation)
+    rate = reading.angular_velocity or NOTHING
+    sample = level.sample(reading.t_ns, rate, reading.linear_acceleration, reading.orientation)
+    if sample is None:
+        raise MessageError(NO_GYRO)
+    return sample
 
 
 def odometry_sample(message: Any) -> OdometrySample:

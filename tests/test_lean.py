@@ -13,10 +13,10 @@ from compass import CompassConfig, VisualCompass, YawIncrement
 from compass.attitude import Tilted, beyond_error
 from fusion import GyroSample, OdometrySample, YawFusion
 from fusion.ekf import State
+from fusion.imu.level import ImuConfig, ImuLevel
 from fusion.lean import LEAN_ERROR, BiasGain, LeanLog, heading_change, heading_gain
 from fusion.offline.summary import remarks
 from fusion.tracks import TrackVoice
-from fusion.vertical import ImuConfig, ImuLevel
 
 DEG = math.radians(1.0)
 BIAS = np.array([0.004, -0.005, 0.003])  # rad/s, of a gyro's three axes

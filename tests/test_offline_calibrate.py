@@ -3,6 +3,7 @@
 import json
 import math
 
+import cv2
 import numpy as np
 import pytest
 from tiny_bags import TinyBag, TinyDrive, fill
@@ -155,3 +156,76 @@ def test_calibrate_without_anything_static_in_the_region_writes_no_mask(tmp_path
     assert "compass.mask: not found" in capsys.readouterr().out
     assert load_settings(tmp_path / "c.yaml").compass.mask == ""
     assert not (tmp_path / "c_mask.png").exists()
+
+
+class Contradicting(TinyDrive):
+    """A tiny drive whose panoramas or gyro claim something else."""
+
+    def __init__(self, change, **fields):
+        super().__init__(**fields)
+        object.__setattr__(self, "change", change)
+
+    def panorama(self, t, seed=5):
+        return self.change(super().panorama(t, seed))
+
+
+def scaled_gyro(factor):
+    class Scaled(TinyBag):
+        def imu(self, topic, t_ns, rate):
+            super().imu(topic, t_ns, factor * rate)
+
+    return Scaled
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (lambda image: image[:, ::-1], "mirrored or upside-down"),
+        (lambda image: image[::-1, ::-1], "mirrored or upside-down"),
+        (lambda image: cv2.resize(image[:, 64:192], (256, 128)), "contradict"),
+        (lambda image: CALM ^ (image & 3), "do not turn with the robot"),
+        (lambda image: CALM, "no second on end"),
+    ],
+    ids=["mirrored", "upside down", "half a circle", "do not turn", "frozen"],
+)
+def test_calibrate_refuses_panoramas_that_contradict_the_gyro(tmp_path, capsys, change, says):
+    with TinyBag(tmp_path / "bag") as bag:
+        fill(bag, Contradicting(change, seconds=8.0))
+    refused(tmp_path, capsys, says)
+
+
+@pytest.mark.parametrize(
+    ("factor", "says"), [(math.degrees(1.0), "deg/s"), (-1.0, "wrong sign"), (0.0, "does not measure turns")]
+)
+def test_calibrate_refuses_a_gyro_that_contradicts_the_panoramas(tmp_path, capsys, factor, says):
+    with scaled_gyro(factor)(tmp_path / "bag") as bag:
+        fill(bag, TinyDrive(seconds=8.0))
+    refused(tmp_path, capsys, says)
+
+
+def test_calibrate_refuses_panoramas_of_another_clock(tmp_path, capsys):
+    class Late(TinyBag):
+        def compressed(self, topic, t_ns, pixels, extension=".jpg"):
+            super().compressed(topic, t_ns + 3600 * 10**9, pixels, extension)
+
+    with Late(tmp_path / "bag") as bag:
+        fill(bag, TinyDrive(seconds=8.0))
+    refused(tmp_path, capsys, "no second in common")
+
+
+def test_calibrate_without_another_witness_is_refused(tmp_path, capsys):
+    with TinyBag(tmp_path / "bag") as bag:
+        fill(bag, TinyDrive(seconds=8.0))
+    refused(tmp_path, capsys, "another witness", "--gyro-topic", "none", "--odometry-topic", "none")
+
+
+CALM = TinyDrive().panorama(0.0)
+
+
+def refused(tmp_path, capsys, says, *more):
+    """One line that says why, and nothing written."""
+    assert main(["calibrate", str(tmp_path / "bag"), "--out", str(tmp_path / "c.yaml"), *more]) == 1
+    told = capsys.readouterr().err.strip()
+    assert says in told
+    assert "\n" not in told
+    assert [file.name for file in tmp_path.iterdir()] == ["bag"]

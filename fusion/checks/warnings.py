@@ -23,6 +23,7 @@ CODES: dict[str, str] = {
     "sensors_disagree": "sensors contradict each other",
     "turn_lost": "nothing measured how the robot turned for a while",
     "vertical_unknown": "nothing usable tells where up is; the gyro's z axis was taken",
+    "orientation_wrong": "the IMU's orientation contradicts its gravity or its gyro and was left out",
     "accelerometer_units": "the accelerations are in g",
     "imu_half_messages": "IMU messages bring the gyro and the accelerometer in turn",
     "stamps_not_increasing": "stamps repeat, go back, or are cut to whole seconds",

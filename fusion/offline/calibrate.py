@@ -19,6 +19,7 @@ from compass.image import to_grey
 from compass.local import SectorShifts, local_shifts
 from compass.mask import load_mask
 from compass.strip import prepare_strip
+from fusion.offline.agreement import contradiction
 from fusion.offline.bag import Bag, BagError
 from fusion.offline.console import progress_bar
 from fusion.offline.recording import BagRecording, Frame, Times, read_recording
@@ -30,10 +31,12 @@ from fusion.offline.surroundings import MASK_COLUMNS, Mask, Panorama, body_top, 
 from fusion.offline.topics import TopicRequest, choose_topics
 from fusion.settings import Settings
 
+DEG = math.radians(1.0)
 TURN_STEP = math.radians(20.0)  # between frames that show the body: a window moves by its width and more
 MOST_TURNED, MOST_PAIRS = 60, 40
 STRIDE = (0.05, 0.4)  # m driven between the images of a pair
 STEADY = math.radians(1.0)  # most turning in a pair
+WRONG_TURN = math.radians(3.0)  # of turns by `TURN_STEP`; real footage measures them to a fifth of a degree
 STILL = 1e-3  # m/s and rad/s by the tracks
 
 
@@ -76,7 +79,7 @@ def calibrate_bag(path: Path, settings: Settings, request: TopicRequest, out: Pa
     Raises
     ------
     BagError
-        The bag cannot be read, has no panoramas, or the robot hardly turns in it.
+        The bag cannot be read, has no panoramas, the robot hardly turns in it, or its sensors contradict each other.
     """
     with Bag(path) as bag:
         choice = choose_topics(bag, settings.topics, request)
@@ -86,6 +89,8 @@ def calibrate_bag(path: Path, settings: Settings, request: TopicRequest, out: Pa
             recording = read_recording(bag, choice, settings.imu, settings.compass.columns, progress)
         with progress_bar("fusing") as progress:
             run = fuse_recording(recording, settings, progress)
+        if wrong := contradiction(run):
+            raise BagError(f"{path}: {wrong}")
         fused, delay = yaw_tracks(run)[FUSED], _camera_delay(run)
         late_ns = round(1e9 * float(delay.value or 0.0))
         shown = YawTrack(fused.t_ns + late_ns, fused.yaw)  # what an image of a stamp shows
@@ -172,6 +177,10 @@ def _region(evidence: Evidence, static: Mask, shown: YawTrack, config: CompassCo
                     evidence.turned, shown, replace(config, roi_top=top, roi_bottom=bottom)
                 )
     best = min(errors, key=errors.__getitem__)
+    if errors[best] > WRONG_TURN:
+        off = f"are off by {errors[best] / DEG:.0f} deg" if math.isfinite(errors[best]) else "cannot be measured"
+        told = f"single turns of {TURN_STEP / DEG:.0f} deg between panoramas {off}"
+        raise BagError(f"{told}; do they show the full circle, turned about the vertical? Nothing was calibrated")
     first = (now.roi_top, now.roi_bottom)
     if errors[best] > 0.8 * errors[first]:
         best = first  # no clear gain: stay

@@ -17,13 +17,14 @@ import numpy.typing as npt
 from compass.attitude import Vector
 from compass.errors import ImageError
 from compass.image import Image
+from fusion.checks.warnings import Warning, WarningLog
+from fusion.imu.level import ImuConfig, ImuLevel
 from fusion.lean import LATEST_NS, NEAR_NS, up_later
-from fusion.messages import MessageError, image_of, imu_reading, odometry_sample
+from fusion.messages import NO_GYRO, NOTHING, MessageError, image_of, imu_reading, odometry_sample
 from fusion.offline.bag import Bag, BagError, Message, Topic
 from fusion.offline.decode import decode_ahead
 from fusion.offline.topics import TopicChoice
 from fusion.samples import GyroSample, OdometrySample
-from fusion.vertical import ImuConfig, ImuLevel
 
 log = logging.getLogger(__name__)
 
@@ -39,13 +40,14 @@ Progress = Callable[[float], None]  # takes the finished part, 0..1
 class GyroTrack:
     """All gyro samples: `t_ns` (N,) sorted, `yaw_rate` (N,) rad/s about the vertical.
 
-    Also `up` (N, 3) and `cross_rate` (N,), see `GyroSample`; NaN where unknown.
+    Also `up` (N, 3), `cross_rate` (N,) and `variance` (N,), see `GyroSample`; NaN where unknown.
     """
 
     t_ns: Times
     yaw_rate: Floats
     up: Floats
     cross_rate: Floats
+    variance: Floats
 
     @staticmethod
     def of(samples: Iterable[GyroSample]) -> GyroTrack:
@@ -54,9 +56,10 @@ class GyroTrack:
         for sample in samples:
             t_ns.append(sample.t_ns)
             cross_rate = np.nan if sample.cross_rate is None else sample.cross_rate
-            values.extend((sample.yaw_rate, *(sample.up or (np.nan,) * 3), cross_rate))
-        rows = np.frombuffer(values, np.float64).reshape(-1, 5)
-        return GyroTrack(np.frombuffer(t_ns, np.int64), rows[:, 0], rows[:, 1:4], rows[:, 4])
+            variance = np.nan if sample.variance is None else sample.variance
+            values.extend((sample.yaw_rate, *(sample.up or (np.nan,) * 3), cross_rate, variance))
+        rows = np.frombuffer(values, np.float64).reshape(-1, 6)
+        return GyroTrack(np.frombuffer(t_ns, np.int64), rows[:, 0], rows[:, 1:4], rows[:, 4], rows[:, 5])
 
     def up_at(self, t_ns: int) -> Vector | None:
         """The vertical in the robot's frame at a stamp, ns, as `LeanLog` knows it then."""
@@ -69,11 +72,12 @@ class GyroTrack:
 
     def samples(self) -> Iterator[GyroSample]:
         """One by one, for the filter."""
-        columns = (column.tolist() for column in (self.t_ns, self.yaw_rate, self.up, self.cross_rate))
-        for t_ns, rate, up, cross_rate in zip(*columns, strict=True):
+        fields = (self.t_ns, self.yaw_rate, self.up, self.cross_rate, self.variance)
+        for t_ns, rate, up, cross_rate, variance in zip(*(column.tolist() for column in fields), strict=True):
             yield GyroSample(
                 t_ns,
                 rate,
+                None if math.isnan(variance) else variance,
                 up=None if math.isnan(up[0]) else tuple(up),
                 cross_rate=None if math.isnan(cross_rate) else cross_rate,
             )
@@ -153,6 +157,10 @@ class BagRecording:
         Where the gyro's vertical came from at the end (see `ImuConfig.up`).
     dropped : Counter of str
         Messages that could not be used, by reason.
+    warnings : list of Warning
+        What was wrong with the IMU, most serious first.
+    vertical_words : str
+        Where the gyro's vertical came from at the end, in words.
     """
 
     bag: Bag
@@ -163,6 +171,8 @@ class BagRecording:
     truth: TruthTrack | None
     vertical: str
     dropped: Counter[str] = field(default_factory=Counter)
+    warnings: list[Warning] = field(default_factory=list)
+    vertical_words: str = ""
 
     @property
     def frame_count(self) -> int:
@@ -223,8 +233,14 @@ def read_recording(
         if count % 1000 == 0:
             progress(count / total)
     progress(1.0)
-    level = ImuLevel(imu)
-    gyro = GyroTrack.of(_levelled(_sorted(bag, columns_of, choice.gyro, 10), level))
+    level, warnings = ImuLevel(imu), WarningLog()
+    gyro = GyroTrack.of(_levelled(_sorted(bag, columns_of, choice.gyro, 10), level, warnings))
+    if choice.gyro:
+        without = len(columns_of[choice.gyro.name].t_ns) - gyro.t_ns.size
+        if not gyro.t_ns.size:
+            told = f"none of its {without} messages is usable: {NO_GYRO}; leave it out with --gyro-topic none"
+            raise BagError(f"{bag.path}: {choice.gyro.name}: {told}")
+        dropped += Counter({f"{choice.gyro.name}: {NO_GYRO}": without})
     tracks = _sorted(bag, columns_of, choice.odometry, 3)
     truth = _sorted(bag, columns_of, choice.truth, 3)
     return BagRecording(
@@ -236,6 +252,8 @@ def read_recording(
         TruthTrack(truth[0], unwrap(truth[1][:, 2])) if choice.truth else None,
         level.source,
         dropped,
+        warnings.all(),
+        level.vertical,
     )
 
 
@@ -280,9 +298,8 @@ class _Columns:
 
 def _imu_row(message: Any) -> tuple[int, tuple[float, ...]]:
     reading = imu_reading(message)
-    nothing = (np.nan,) * 4
-    force, turn = reading.linear_acceleration or nothing[:3], reading.orientation or nothing
-    return reading.t_ns, (*reading.angular_velocity, *force, *turn)
+    rate, force = reading.angular_velocity or NOTHING, reading.linear_acceleration or NOTHING
+    return reading.t_ns, (*rate, *force, *(reading.orientation or (np.nan,) * 4))
 
 
 def _odometry_row(message: Any) -> tuple[int, tuple[float, ...]]:
@@ -302,7 +319,13 @@ def _sorted(bag: Bag, columns: dict[str, _Columns], topic: Topic | None, width: 
     return t_ns[order], np.frombuffer(read.values, np.float64).reshape(-1, width)[order]
 
 
-def _levelled(columns: tuple[Times, Floats], level: ImuLevel) -> Iterator[GyroSample]:
-    """Every reading in the order of time, as the live node does it."""
+def _levelled(columns: tuple[Times, Floats], level: ImuLevel, log: WarningLog) -> Iterator[GyroSample]:
+    """Every reading in the order of time, as the live node does it; what is wrong with the IMU goes into `log`."""
+    known: tuple[Warning, ...] = ()
     for t_ns, row in zip(columns[0].tolist(), columns[1].tolist(), strict=True):
-        yield level.sample(t_ns, row[:3], row[3:6], row[6:])
+        sample = level.sample(t_ns, row[:3], row[3:6], row[6:])
+        if level.warnings() is not known:
+            known = level.warnings()
+            log.note(known)
+        if sample is not None:
+            yield sample

@@ -10,12 +10,12 @@ from typing import Any
 
 import numpy as np
 
+from fusion.imu.level import ImuConfig, ImuLevel
 from fusion.offline.bag_writer import BagWriter
 from fusion.offline.recording import Frame, GyroTrack, OdometryTrack, Progress, TruthTrack
 from fusion.offline.topics import TRUTH_TOPIC
 from fusion.settings import Settings
 from fusion.simulation import Drive
-from fusion.vertical import ImuConfig, ImuLevel
 
 
 class SimulatedRecording:
@@ -24,9 +24,8 @@ class SimulatedRecording:
     def __init__(self, drive: Drive, imu: ImuConfig) -> None:
         self.drive = drive
         level = ImuLevel(imu)
-        self.gyro = GyroTrack.of(
-            level.sample(r.t_ns, r.angular_velocity, r.linear_acceleration, r.orientation) for r in drive.imu
-        )
+        readings = (level.sample(r.t_ns, r.angular_velocity, r.linear_acceleration, r.orientation) for r in drive.imu)
+        self.gyro = GyroTrack.of(sample for sample in readings if sample)
         rows = np.array([(r.yaw_rate, r.speed, r.yaw) for r in drive.odometry])
         self.odometry = OdometryTrack(np.array([r.t_ns for r in drive.odometry], np.int64), *rows.T)
         self.truth = TruthTrack(drive.truth.t_ns, drive.truth.yaw)

@@ -1,0 +1,96 @@
+"""Where up is, from the accelerometer: averaged over time, and only if what it measures is as long as gravity."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from compass.attitude import Vector
+from fusion.imu.vectors import cross, dot, turned, unit, vector
+
+LONGEST_STEP_NS = 500_000_000  # over a longer silence the turn is unknown: the accelerometer alone decides
+_YOUNG = 3.0  # s; from less a start would be taken for a bias
+# What gravity measures in the units that drivers use; milli-g and cm/s^2 differ by less than accelerometers err.
+_UNITS = ((9.80665, "m/s^2"), (1.0, "g"), (1000.0, "milli-g or cm/s^2"), (9806.65, "mm/s^2"))
+# A cheap accelerometer errs by 0.5 m/s^2 and 3 %, a robot's own acceleration by little once averaged.
+_LENGTH_ERROR = 0.2
+_PROVEN = 0.25  # s; before, a bump of 1 m/s^2 on an accelerometer without gravity would be taken for 1 g
+
+
+class Gravity:
+    """Complementary filter: the last vertical turned with the gyro, then drawn towards the accelerometer.
+
+    What the gyro's bias does to it time after time is learnt (Mahony, Hamel & Pflimlin 2008,
+    doi:10.1109/TAC.2008.923738): it would lean by the bias times `seconds`.
+
+    Parameters
+    ----------
+    seconds : float
+        Time over which accelerations average out to gravity, s.
+    any_length : bool
+        Take the accelerometer's word whatever the length of what it measures.
+
+    Attributes
+    ----------
+    length : float
+        Mean acceleration along the vertical, as the driver gives it; 0 before the first. Without gravity, noise.
+    """
+
+    def __init__(self, seconds: float, any_length: bool = False) -> None:
+        self._seconds = seconds
+        self._any_length = any_length
+        self._direction: Vector | None = None
+        self._age = 0.0
+        self._drift: Vector = (0.0, 0.0, 0.0)  # bias of the gyro across the vertical, rad/s
+        self._silence = 0.0
+        self._heard = 0.0
+        self.length = 0.0
+
+    @property
+    def unit(self) -> str | None:
+        """The unit in which `length` is gravity; None where it is in none."""
+        known = _UNITS if self._heard >= _PROVEN else _UNITS[:1]
+        return next((name for g, name in known if abs(self.length / g - 1.0) <= _LENGTH_ERROR), None)
+
+    @property
+    def silent(self) -> bool:
+        """Whether the accelerometer has told nothing for longer than the gyro alone can hold the vertical."""
+        return self._direction is None or self._silence > self._seconds
+
+    @property
+    def up(self) -> Vector | None:
+        """The vertical in the IMU's frame, a unit vector; None where the accelerometer does not measure it."""
+        return self._direction if not self.silent and (self._any_length or self.unit) else None
+
+    @property
+    def settled(self) -> bool:
+        """Whether it has been averaged for long enough to outlive its source."""
+        return self._heard >= min(_YOUNG, self._seconds)
+
+    def follow(self, step_ns: int, rate: Vector, acceleration: Sequence[float] | None) -> None:
+        """Take in a reading: time since the last, ns; angular velocity, rad/s; specific force, any unit."""
+        force = unit(acceleration)
+        self._turn(step_ns, rate, force)
+        seconds = min(max(step_ns, 0), LONGEST_STEP_NS) * 1e-9
+        self._silence = 0.0 if force else self._silence + seconds
+        if force and acceleration is not None and self._direction:
+            along = dot(vector(acceleration), self._direction)
+            gain = seconds / (self._heard + seconds) if self._heard else 1.0
+            self.length += gain * (along - self.length)
+            self._heard = min(self._heard + max(seconds, 1e-3), self._seconds)
+
+    def _turn(self, step_ns: int, rate: Vector, force: Vector | None) -> None:
+        if self._direction is None or not 0 <= step_ns <= LONGEST_STEP_NS:
+            self._direction, self._age = force or self._direction, 0.0
+            return
+        dt = step_ns * 1e-9
+        (wx, wy, wz), (bx, by, bz) = rate, self._drift
+        now = turned(self._direction, (wx - bx, wy - by, wz - bz), dt)
+        # A plain mean while young, then a mean that forgets.
+        gain = dt / (self._age + 2.0 * dt) if force and dt > 0.0 else 0.0
+        self._age = min(self._age + dt, self._seconds)
+        if force and gain > 0.0:
+            pull = dt / max(self._age, _YOUNG) ** 2
+            across = cross(now, force)
+            self._drift = vector([drift + pull * a for drift, a in zip(self._drift, across, strict=True)])
+            now = vector([(1.0 - gain) * a + gain * b for a, b in zip(now, force, strict=True)])
+        self._direction = unit(now)
