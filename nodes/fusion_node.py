@@ -55,7 +55,7 @@ class FusionNode(Node):
         self._tell = WarningVoice(self.get_logger().warning)
         self._pipeline = YawPipeline(settings.compass, settings.fusion)
         self._level = ImuLevel(settings.imu)
-        self._pipeline.warning_sources.append(getattr(self._level, "warnings", tuple))
+        self._pipeline.warning_sources.append(self._level.warnings)
         self._inbox = Inbox(self, surviving(self, "fusion", self._complaints, self._fuse))
         self._health = {sensor: StreamHealth() for sensor in Sensor}
         self._published_ns = -1

@@ -12,6 +12,8 @@ NUMERICS = {"numpy", "scipy", "cv2"}
 ROOMS = {
     "compass": NUMERICS | {"compass"},
     "fusion": {"numpy", "scipy", "compass", "fusion", "filterpy"},
+    "fusion/checks": {"numpy", "compass", "fusion"},
+    "fusion/imu": {"numpy", "compass", "fusion"},
     "fusion/simulation": NUMERICS | {"compass", "fusion"},
     "fusion/offline": NUMERICS | {"compass", "fusion", "rosbags", "matplotlib", "click", "rich", "yaml"},
 }
@@ -20,6 +22,8 @@ ALSO = {"fusion/bounded_yaml.py": {"yaml"}, "fusion/settings.py": {"yaml"}}
 NEVER = {
     "compass": ("fusion",),
     "fusion": ("fusion.offline", "fusion.simulation"),
+    "fusion/checks": ("fusion.offline", "fusion.simulation"),
+    "fusion/imu": ("fusion.offline", "fusion.simulation"),
     "fusion/simulation": ("fusion.offline",),
 }
 HIDDEN = ("rclpy", "sensor_msgs", "nav_msgs", "std_msgs", "diagnostic_msgs", "builtin_interfaces", "nodes")

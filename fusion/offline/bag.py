@@ -209,6 +209,11 @@ class Bag(AbstractContextManager["Bag"]):
         return Message(connection.topic, connection.msgtype, int(record_ns), stamp_ns, raw)
 
     @property
+    def end_ns(self) -> int:
+        """When the last message was recorded, ns."""
+        return self.start_ns + int(self._reader.duration)
+
+    @property
     def start_ns(self) -> int:
         """When the recorder wrote the first message, ns."""
         return int(self._reader.start_time)

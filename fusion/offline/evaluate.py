@@ -103,7 +103,7 @@ class _Watched:
 
     @property
     def warnings(self) -> Iterable[Warning]:
-        return getattr(self._recording, "warnings", ())
+        return self._recording.warnings
 
     def frames(self) -> Iterator[Frame]:
         for frame in self._recording.frames():

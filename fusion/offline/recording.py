@@ -8,7 +8,8 @@ import math
 from array import array
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from itertools import islice
 from typing import Any, Protocol
 
 import numpy as np
@@ -18,17 +19,20 @@ from compass.attitude import Vector
 from compass.errors import ImageError
 from compass.image import Image
 from fusion.checks.warnings import Warning, WarningLog
+from fusion.events import Sensor
 from fusion.imu.level import ImuConfig, ImuLevel
 from fusion.lean import LATEST_NS, NEAR_NS, up_later
 from fusion.messages import NO_GYRO, NOTHING, MessageError, image_of, imu_reading, odometry_sample
 from fusion.offline.bag import Bag, BagError, Message, Topic
 from fusion.offline.decode import decode_ahead
+from fusion.offline.times import Span, clock_warning, of_one_time, usable
 from fusion.offline.topics import TopicChoice
 from fusion.samples import GyroSample, OdometrySample
 
 log = logging.getLogger(__name__)
 
 FRAMES_OUT_OF_ORDER = 8  # images are put in order within so many; further ones the compass refuses and counts
+FIRST_IMAGES = 20  # of which the stamp in the middle is taken for right
 HOPELESS = 10  # after so many unusable images and no usable one the reason is given and the run ends
 
 Floats = npt.NDArray[np.float64]
@@ -135,6 +139,10 @@ class Recording(Protocol):
     def frame_count(self) -> int:
         """How many panoramas there are, for progress."""
 
+    @property
+    def warnings(self) -> Iterable[Warning]:
+        """What was found to be wrong with it before it is fused."""
+
     def frames(self) -> Iterable[Frame]:
         """The panoramas in the order of their stamps; every call starts anew."""
 
@@ -158,7 +166,7 @@ class BagRecording:
     dropped : Counter of str
         Messages that could not be used, by reason.
     warnings : list of Warning
-        What was wrong with the IMU, most serious first.
+        What was wrong with clocks and the IMU, most serious first.
     vertical_words : str
         Where the gyro's vertical came from at the end, in words.
     """
@@ -234,6 +242,7 @@ def read_recording(
             progress(count / total)
     progress(1.0)
     level, warnings = ImuLevel(imu), WarningLog()
+    choice = _of_one_time(bag, choice, columns_of, warnings)
     gyro = GyroTrack.of(_levelled(_sorted(bag, columns_of, choice.gyro, 10), level, warnings))
     if choice.gyro:
         without = len(columns_of[choice.gyro.name].t_ns) - gyro.t_ns.size
@@ -255,6 +264,52 @@ def read_recording(
         warnings.all(),
         level.vertical,
     )
+
+
+def _of_one_time(bag: Bag, choice: TopicChoice, columns: dict[str, _Columns], log: WarningLog) -> TopicChoice:
+    """The topics whose stamps have time in common, their samples without those of another time.
+
+    Raises
+    ------
+    BagError
+        No two of the sensors have time in common.
+    """
+    topics = {Sensor.GYRO: choice.gyro, Sensor.TRACKS: choice.odometry, Sensor.COMPASS: choice.image}
+    spans = {}
+    for sensor, topic in topics.items():
+        if topic is not None:
+            known = columns.get(topic.name)
+            span = _image_span(bag, topic) if known is None else Span.of(known.stamps) if known.t_ns else None
+            if span is not None:
+                spans[sensor] = span
+    together = of_one_time(spans)
+    if len(spans) > 1 and len(together) < 2:
+        told = "; ".join(f"{sensor.value} {span.words()}" for sensor, span in spans.items())
+        raise BagError(f"{bag.path}: no time in common: {told}; stamp all by one clock, or leave one out (none)")
+    whole = (
+        Span(min(spans[s].first_ns for s in together), max(spans[s].last_ns for s in together)) if together else None
+    )
+    if whole is None:
+        return choice
+    foreign = spans.keys() - together
+    log.note(clock_warning(sensor, spans[sensor], whole) for sensor in foreign)
+    for sensor in together - {Sensor.COMPASS}:
+        topic = topics[sensor]
+        if topic is not None:
+            keep, wrong = usable(sensor, columns[topic.name].stamps, whole)
+            columns[topic.name].only(keep)
+            log.note(wrong)
+    fields = {Sensor.GYRO: "gyro", Sensor.TRACKS: "odometry", Sensor.COMPASS: "image"}
+    return replace(choice, **{fields[sensor]: None for sensor in foreign})
+
+
+def _image_span(bag: Bag, topic: Topic) -> Span | None:
+    """From the first images on, and on for as long as was recorded after them."""
+    first = [(m.stamp_ns, m.record_ns) for m in islice(bag.messages(topic.name), FIRST_IMAGES) if m.stamp_ns > 0]
+    if not first:
+        return None
+    stamp_ns, record_ns = first[len(first) // 2]
+    return Span(stamp_ns, stamp_ns + max(bag.end_ns - record_ns, 0))
 
 
 def in_order(messages: Iterable[Message], window: int) -> Iterator[Message]:
@@ -294,6 +349,17 @@ class _Columns:
             return
         self.t_ns.append(t_ns)
         self.values.extend(row)
+
+    @property
+    def stamps(self) -> Times:
+        """In the order of recording."""
+        return np.array(self.t_ns, np.int64)
+
+    def only(self, keep: npt.NDArray[np.bool_]) -> None:
+        """Leave out the others."""
+        if not keep.all():
+            rows = np.array(self.values).reshape(keep.size, -1)[keep]
+            self.t_ns, self.values = array("q", self.stamps[keep].tolist()), array("d", rows.ravel().tolist())
 
 
 def _imu_row(message: Any) -> tuple[int, tuple[float, ...]]:

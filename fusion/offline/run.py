@@ -123,7 +123,7 @@ class FusedRun:
 def fuse_recording(recording: Recording, settings: Settings, progress: Progress = lambda part: None) -> FusedRun:
     """Run a recording through compass and filter, every sample at its stamp."""
     run = _Run(settings)
-    run.pipeline.warning_sources.append(lambda: getattr(recording, "warnings", ()))
+    run.pipeline.warning_sources.append(lambda: recording.warnings)
     total = recording.gyro.t_ns.size + recording.odometry.t_ns.size + recording.frame_count
     for count, event in enumerate(_events(recording)):
         run.take(event)

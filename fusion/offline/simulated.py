@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from fusion.checks.warnings import Warning
 from fusion.imu.level import ImuConfig, ImuLevel
 from fusion.offline.bag_writer import BagWriter
 from fusion.offline.recording import Frame, GyroTrack, OdometryTrack, Progress, TruthTrack
@@ -23,6 +24,7 @@ class SimulatedRecording:
 
     def __init__(self, drive: Drive, imu: ImuConfig) -> None:
         self.drive = drive
+        self.warnings: list[Warning] = []  # none: its sensors are well
         level = ImuLevel(imu)
         readings = (level.sample(r.t_ns, r.angular_velocity, r.linear_acceleration, r.orientation) for r in drive.imu)
         self.gyro = GyroTrack.of(sample for sample in readings if sample)

@@ -1,0 +1,72 @@
+"""Whether the stamps of a recording's sensors are of one time, before anything is fused."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from fusion.checks.clocks import StampSequence
+from fusion.checks.warnings import Warning
+from fusion.events import Sensor
+
+Times = npt.NDArray[np.int64]
+MARGIN_NS = 60_000_000_000  # beyond all else in the recording; stamps further off are from another time
+
+
+@dataclass(frozen=True, slots=True)
+class Span:
+    """From when to when a sensor speaks, ns."""
+
+    first_ns: int
+    last_ns: int
+
+    @staticmethod
+    def of(t_ns: Times) -> Span:
+        """Of stamps of which some may be wrong: the middle half, and as much again to both sides."""
+        low, high = (int(x) for x in np.quantile(t_ns, (0.25, 0.75), method="nearest"))
+        return Span(low - (high - low), high + (high - low))
+
+    def meets(self, other: Span) -> bool:
+        """Whether they have any time in common."""
+        return self.first_ns <= other.last_ns and other.first_ns <= self.last_ns
+
+    def words(self) -> str:
+        """In seconds, or as a date where it is one."""
+        if self.first_ns < 10**18:  # before September 2001: no date of a recording, but a time since power-up
+            return f"{self.first_ns * 1e-9:.0f} to {self.last_ns * 1e-9:.0f} s"
+        return f"{np.datetime64(self.first_ns, 'ns').astype('datetime64[s]')} to {self.last_ns * 1e-9:.0f} s"
+
+
+def of_one_time(spans: Mapping[Sensor, Span]) -> set[Sensor]:
+    """The most sensors whose spans all meet one of them; fewer than two where no two have time in common."""
+    groups = [{other for other, span in spans.items() if span.meets(one)} for one in spans.values()]
+    return max(groups, key=len, default=set())
+
+
+def clock_warning(sensor: Sensor, span: Span, others: Span) -> Warning:
+    """On a sensor that is left out."""
+    text = (
+        f"{sensor.value}: stamped {span.words()}, while the others are stamped {others.words()}: no time in common, "
+        "so it is left out; stamp all sensors by one clock"
+    )
+    return Warning("clock_mismatch", sensor.value, others.first_ns, text)
+
+
+def usable(sensor: Sensor, t_ns: Times, within: Span) -> tuple[npt.NDArray[np.bool_], list[Warning]]:
+    """Which stamps to use, of a sensor's in the order of recording, and what was wrong with the others."""
+    near = (t_ns >= within.first_ns - MARGIN_NS) & (t_ns <= within.last_ns + MARGIN_NS)
+    sequence = StampSequence(sensor)
+    keep = near.copy()
+    keep[near] = [sequence.fits(t) for t in t_ns[near].tolist()]
+    warnings = sequence.warnings()
+    if not near.all():
+        wrong = int(t_ns[~near][0])
+        text = (
+            f"{sensor.value}: {np.count_nonzero(~near)} of {t_ns.size} stamps are from another time, such as "
+            f"{Span(wrong, wrong).words()}, and were left out: see to the driver's clock"
+        )
+        warnings.append(Warning("stamps_wrong", sensor.value, within.first_ns, text))
+    return keep, warnings
