@@ -15,7 +15,9 @@ import numpy.typing as npt
 from filterpy.kalman import ExtendedKalmanFilter
 
 from compass import wrap_angle
+from fusion.bounds import LONGEST_STEP, LOST, blurred, forget_beyond, limit_turn, loosened, rounding, symmetric
 from fusion.config import FusionConfig
+from fusion.events import FASTEST
 from fusion.exposure import Exposure, GyroTrail
 from fusion.lean import BiasGain
 from fusion.motion import integrate_gauss_markov, turning
@@ -141,10 +143,17 @@ class YawEkf(ExtendedKalmanFilter):
 
     def predict_for(self, dt: float, *, still: bool = False, watched: bool = False) -> None:
         """Move the state on by `dt` seconds; `still`: without any change of the turn rate; `watched`: by a gyro."""
-        self.F, self.Q = self.transition(dt, still=still, watched=watched)
+        self.F, self.Q = self.transition(min(dt, LONGEST_STEP), still=still, watched=watched)
+        limit_turn(self.F, self.Q, self.P, State.YAW)
         self.predict()  # type: ignore[no-untyped-call]
+        self.P = symmetric(self.P)
         if self.tape is not None:
             self.tape.append(Transition(self.F))
+        forgetting = forget_beyond(self.P, State.YAW, YAWS)
+        if forgetting is not None:
+            x = self.x
+            self._transform(forgetting)
+            self.x = x
 
     def transition(self, dt: float, *, still: bool = False, watched: bool = False) -> tuple[Array, Array]:
         """Transition F and process noise Q over `dt` seconds.
@@ -188,7 +197,7 @@ class YawEkf(ExtendedKalmanFilter):
     def _transform(self, T: Array) -> None:
         """Multiply the state with `T`."""
         self.x = T @ self.x
-        self.P = T @ self.P @ T.T
+        self.P = symmetric(T @ self.P @ T.T)
         if self.tape is not None:
             self.tape.append(Transition(T))
 
@@ -306,7 +315,7 @@ class YawEkf(ExtendedKalmanFilter):
         if not alone:
             cross = float(PM[State.SCALE])
             innovation -= cross
-            R += float(self.P[State.SCALE, State.SCALE]) * float(M @ PM) + cross**2
+            R += float(self.P[State.SCALE, State.SCALE]) * max(float(M @ PM), 0.0) + cross**2
         PH = self.P @ H
         H_after = H.copy()
         H_after[State.SCALE] += float(M @ PH) / (float(H @ PH) + R) * innovation
@@ -324,9 +333,9 @@ class YawEkf(ExtendedKalmanFilter):
         self.correct(Measurement(-float((H @ self.x)[0]), H, STILL_TURN**2, consider=consider))
 
     def widen(self, index: int, variance: float) -> None:
-        """Add to the variance of state `index`."""
+        """Add to the variance of state `index`, as far as more than that means anything."""
         self.P = self.P.copy()
-        self.P[index, index] += variance
+        self.P[index, index] += min(variance, (LOST if YAWS[index] else FASTEST) ** 2)
 
     def widen_frame(self, variance: float) -> None:
         """Add to the variance of all yaws alike: by so much the whole past may be turned."""
@@ -350,17 +359,19 @@ class YawEkf(ExtendedKalmanFilter):
 
     def innovation_variance(self, measurement: Measurement) -> float:
         """Variance S that the innovation should have."""
-        return float((measurement.H @ self.P @ measurement.H.T)[0, 0]) + measurement.R
+        H = measurement.H
+        return max(float((H @ self.P @ H.T)[0, 0]), 0.0) + measurement.R + rounding(H, self.P)
 
     def correct(self, measurement: Measurement) -> None:
         """Update with a measurement made from the present state."""
         prior_x, prior_P = self.x, self.P
+        R = measurement.R + rounding(measurement.H, prior_P)
         innovation = np.array([measurement.innovation])
         self.update(  # type: ignore[no-untyped-call]
             innovation,
             HJacobian=lambda x: measurement.H,
             Hx=lambda x: None,
-            R=measurement.R,
+            R=R,
             residual=lambda z, expected: innovation,  # expected value taken off, and wrapped, already
         )
         H = measurement.H if measurement.H_after is None else measurement.H_after
@@ -369,6 +380,10 @@ class YawEkf(ExtendedKalmanFilter):
             self.K[list(measurement.consider)] = 0.0
             A = np.eye(DIM) - self.K @ H
             self.x = prior_x + self.K[:, 0] * measurement.innovation
-            self.P = A @ prior_P @ A.T + measurement.R * (self.K @ self.K.T)  # Joseph: holds for any gain
+            self.P = A @ prior_P @ A.T + R * (self.K @ self.K.T)  # Joseph: holds for any gain
+        self.P = blurred(self.P, np.diagonal(prior_P))
+        if not np.diagonal(self.P).min() >= 0.0:
+            self.x, self.P = prior_x, loosened(prior_P)
+            return
         if self.tape is not None:
             self.tape.append(Correction(measurement.innovation, measurement.H, H, float(self.S[0, 0]), optimal))
