@@ -422,8 +422,10 @@ class YawFilter:
         ekf.x = x
         ekf.widen(State.CAMERA_DELAY, remedy.delay**2)
         ekf.widen(State.YAW, remedy.shift_variance)
-        if remedy.shift:  # what was learnt meanwhile of the tracks was learnt from what is taken back
-            ekf.renew(State.SCALE, state.turns.start.scale_sigma**2, state.turns.start.scale)
+        if remedy.shift:  # what was learnt meanwhile of the others was learnt from what is taken back
+            known = state.turns.earlier
+            ekf.renew(State.SCALE, known.scale_sigma**2, known.scale)
+            ekf.renew(State.CAMERA_DELAY, known.delay_sigma**2, known.delay)
         # nor is the yaw to be held at what it seemed to be meanwhile
         state.stillness = replace(state.stillness, reference_ns=None)
         state.refusal = None

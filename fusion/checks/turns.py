@@ -95,6 +95,8 @@ class Start:
         Excess of the gyro's scale factor over one.
     scale, scale_sigma : float
         Of the tracks.
+    delay, delay_sigma : float
+        Of the camera, s.
     """
 
     yaw: float = 0.0
@@ -105,21 +107,16 @@ class Start:
     gyro_scale_sigma: float = 0.0
     scale: float = 1.0
     scale_sigma: float = 0.0
+    delay: float = 0.0
+    delay_sigma: float = 0.0
 
     @staticmethod
     def of(ekf: YawEkf) -> Start:
         """What it knows now."""
-        x, sigma = ekf.x, [math.sqrt(float(ekf.P[i, i])) for i in (State.BIAS, State.GYRO_SCALE, State.SCALE)]
-        return Start(
-            float(x[State.YAW]),
-            float(x[State.RATE]),
-            float(x[State.BIAS]),
-            sigma[0],
-            float(x[State.GYRO_SCALE]),
-            sigma[1],
-            float(x[State.SCALE]),
-            sigma[2],
-        )
+        values: list[float] = []
+        for state in (State.BIAS, State.GYRO_SCALE, State.SCALE, State.CAMERA_DELAY):
+            values += float(ekf.x[state]), math.sqrt(float(ekf.P[state, state]))
+        return Start(float(ekf.x[State.YAW]), float(ekf.x[State.RATE]), *values)
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,8 +127,8 @@ class Turns:
     ----------
     start_ns : int or None
         When it began; None before the first sample.
-    start : Start
-        What the filter knew then.
+    start, earlier : Start
+        What the filter knew then, and at the beginning of the window before.
     gyro, tracks : RateTurn or None
     compass : CompassTurn or None
         None before the first increment, or while nothing joins the last one.
@@ -141,6 +138,7 @@ class Turns:
 
     start_ns: int | None = None
     start: Start = field(default_factory=Start)
+    earlier: Start = field(default_factory=Start)
     gyro: RateTurn | None = None
     tracks: RateTurn | None = None
     compass: CompassTurn | None = None
@@ -166,7 +164,9 @@ class Turns:
         """The next window, which begins at the stamp `t_ns`; `increment`: that of the image it begins at, if any."""
         gyro, tracks = (turn.anew(t_ns) if turn else None for turn in (self.gyro, self.tracks))
         compass = CompassTurn.begin(increment) if increment else None
-        return Turns(t_ns, start, gyro, tracks, compass, self.compass_ns)
+        return Turns(
+            t_ns, start, self.start if self.start_ns is not None else start, gyro, tracks, compass, self.compass_ns
+        )
 
     def ends_at_image(self) -> bool:
         """Whether the newest increment ends the window, or begins one because nothing joins it to the last."""
