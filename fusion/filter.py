@@ -261,10 +261,11 @@ class YawFilter:
 
     def _fuse_tracks(self, state: FilterState, event: TracksEvent) -> None:
         """Take in what the tracks claim since their reference, once `track_interval` is over."""
-        sample, ekf, tracks = event.sample, self._ekf, state.tracks
+        sample, ekf = event.sample, self._ekf
         state.turns = state.turns.with_tracks(sample)
         if state.turns.ends_at_odometry(event.t_ns):
             self._compare(state, None)
+        tracks = state.tracks
         alone = not (state.hears(Sensor.GYRO) or state.hears(Sensor.COMPASS))
         # seldom enough that a slip meets what the others have settled, and not the other way round
         interval = 0.0 if alone else self.config.track_interval
@@ -426,6 +427,7 @@ class YawFilter:
             known = state.turns.earlier
             ekf.renew(State.SCALE, known.scale_sigma**2, known.scale)
             ekf.renew(State.CAMERA_DELAY, known.delay_sigma**2, known.delay)
+            state.tracks = None  # nor do the tracks count from a yaw of that time
         # nor is the yaw to be held at what it seemed to be meanwhile
         state.stillness = replace(state.stillness, reference_ns=None)
         state.refusal = None
