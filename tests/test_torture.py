@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import pytest
 from torture import changes as do
+from torture import image_changes as see
 from torture.__main__ import SEEDS
 from torture.drives import DRIVES, drive, stream_of
 from torture.report import report
@@ -88,7 +89,7 @@ def test_slipping_tracks_keep_the_turn_that_they_gained():
 
 def test_lost_keyframes_start_anew_and_turn_no_further_than_the_robot():
     ride = drive("long legs", 1)
-    _, after = samples_of(do.dark(), YawIncrement, name="long legs", until=24.0)
+    _, after = samples_of(see.dark(), YawIncrement, name="long legs", until=24.0)
     since = [s for _, s in after if s.t_ns * 1e-9 >= 24.0]
     assert not any(14.0 <= s.t_ns * 1e-9 < 24.0 for _, s in after)
     assert min(s.t_ref_ns for s in since) * 1e-9 >= 24.0

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 
 from torture import changes as do
+from torture import image_changes as see
 from torture.changes import Change
 
 BEGINS, LASTS = 14.0, 1e6  # s; a fault begins in the middle of the drive and lasts
@@ -130,23 +131,23 @@ def _tracks() -> Iterable[Row]:
 
 def _compass() -> Iterable[Row]:
     yield Row("silent", "C", lambda: do.silent("C"), (SILENT,))
-    yield Row("dark for 10 s, nothing found again", "C", do.dark, (SILENT, "turn_lost"), seconds=10.0)
-    yield Row("frozen: no turn, and sure of it", "C", do.frozen, ("images_frozen", "images_do_not_turn"))
-    yield Row("mirrored", "C", do.mirrored, ("images_mirrored",))
-    yield Row("mirrored from the start", "C", do.mirrored, ("images_mirrored",), since=0.0)
-    yield Row("stabilised: does not turn", "C", do.stabilised, ("images_do_not_turn",))
-    yield Row("stabilised from the start", "C", do.stabilised, ("images_do_not_turn",), since=0.0)
+    yield Row("dark for 10 s, nothing found again", "C", see.dark, (SILENT, "turn_lost"), seconds=10.0)
+    yield Row("frozen: no turn, and sure of it", "C", see.frozen, ("images_frozen", "images_do_not_turn"))
+    yield Row("mirrored", "C", see.mirrored, ("images_mirrored",))
+    yield Row("mirrored from the start", "C", see.mirrored, ("images_mirrored",), since=0.0)
+    yield Row("stabilised: does not turn", "C", see.stabilised, ("images_do_not_turn",))
+    yield Row("stabilised from the start", "C", see.stabilised, ("images_do_not_turn",), since=0.0)
     for rate in (0.05, 0.1):
         name = f"crowd walks one way, {rate} rad/s for 15 s"
-        yield Row(name, "C", lambda r=rate: do.crowd(r), (DISAGREE, BIAS), seconds=15.0)
-    yield Row("single wrong matches", "C", do.wrong_matches, (DISAGREE,), words=MAY)
-    yield Row("jump by 180 deg: a symmetric corridor", "C", lambda: do.jump(math.pi), (DISAGREE,), words=MAY)
-    yield Row("claims 1/100 of its variance", "C", lambda: do.overconfident(100.0), (DISAGREE,), words=MAY)
+        yield Row(name, "C", lambda r=rate: see.crowd(r), (DISAGREE, BIAS), seconds=15.0)
+    yield Row("single wrong matches", "C", see.wrong_matches, (DISAGREE,), words=MAY)
+    yield Row("jump by 180 deg: a symmetric corridor", "C", lambda: see.jump(math.pi), (DISAGREE,), words=MAY)
+    yield Row("claims 1/100 of its variance", "C", lambda: see.overconfident(100.0), (DISAGREE,), words=MAY)
     yield Row(
-        "images 80 ms later than their stamps said before", "C", lambda: do.exposed_earlier(0.08), (TIME,), words=MAY
+        "images 80 ms later than their stamps said before", "C", lambda: see.exposed_earlier(0.08), (TIME,), words=MAY
     )
-    yield Row("remounted: keyframes anew", "C", lambda: do.between(0.0, 0.0, do.anew()), ("turn_lost",), words=MAY)
-    yield Row("look back off by 0.2 rad, and sure of it", "C", lambda: do.far_increments(0.2), (DISAGREE,), words=MAY)
+    yield Row("remounted: keyframes anew", "C", lambda: do.between(0.0, 0.0, see.anew()), ("turn_lost",), words=MAY)
+    yield Row("look back off by 0.2 rad, and sure of it", "C", lambda: see.far_increments(0.2), (DISAGREE,), words=MAY)
     yield Row("arrives 0.5 s late", "C", lambda: do.delayed("C", 0.5), words=MAY)
     yield Row("clock back by 3 s", "C", lambda: do.stamped("C", lambda t: t - 3.0), CLOCK)
     yield Row("clock ahead by 1 h", "C", lambda: do.stamped("C", lambda t: t + 3600.0), CLOCK)
@@ -156,11 +157,11 @@ def _compass() -> Iterable[Row]:
 def _several() -> Iterable[Row]:
     lifted = {"seconds": DARK, "lifted": True, "words": MAY}
     unseen = {**lifted, "most_sigma": FOUND, "blind": DARK + SEEN}
-    yield Row("lifted by 90 deg in the dark", "T", do.dark, **{**lifted, "most_sigma": FOUND})
-    yield Row("lifted by 90 deg in the dark, no gyro, place found again", "TC", do.dark_and_found, who="TC", **unseen)
+    yield Row("lifted by 90 deg in the dark", "T", see.dark, **{**lifted, "most_sigma": FOUND})
+    yield Row("lifted by 90 deg in the dark, no gyro, place found again", "TC", see.dark_and_found, who="TC", **unseen)
     yield Row(
         "lifted by 90 deg in the dark, gyro silent meanwhile, place found again", "GTC",
-        lambda: do.chain(do.dark_and_found(), do.silent("G")), **unseen,
+        lambda: do.chain(see.dark_and_found(), do.silent("G")), **unseen,
     )  # fmt: skip
     bias = lambda: do.gyro(lambda w, t: w + 0.1)  # noqa: E731
     slip = lambda: do.between(0.0, 10.0, do.tracks(lambda w: w + 0.5))  # noqa: E731
@@ -168,7 +169,7 @@ def _several() -> Iterable[Row]:
         "gyro bias 0.1 rad/s and tracks slip", "GT", lambda: do.chain(bias(), slip()), (BIAS, DISAGREE), most_sigma=ANY
     )
     yield Row(
-        "compass dark for 10 s while tracks slip", "TC", lambda: do.chain(do.between(0.0, 10.0, do.dark()), slip()),
+        "compass dark for 10 s while tracks slip", "TC", lambda: do.chain(do.between(0.0, 10.0, see.dark()), slip()),
         most_sigma=ANY, words=MAY,
     )  # fmt: skip
     yield Row(
