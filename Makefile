@@ -2,6 +2,7 @@
 #   make check     while working: lint, and the tests without long simulations and without nodes; a minute on two cores
 #   make test      before a change lands: all tests; 4 to 6 minutes on two cores, longer beside other programs, no less green
 #   make lint      style and types alone
+#   make torture   every sensor times every fault, written to docs/faults.md; 3 minutes on two cores
 #   make bench     speed, which no test judges
 #   make evaluate  every experiment with 20 seeds in the held-out worlds: hours, frames are rendered first
 #   make demo      a simulated drive, fused
@@ -9,7 +10,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo check test lint bench evaluate config clean
+.PHONY: demo check test lint torture bench evaluate config clean
 
 $(VENV)/base.stamp: pyproject.toml
 	.ci/venv $(PYTHON) $(VENV)
@@ -35,6 +36,9 @@ lint: $(VENV)/dev.stamp
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+
+torture: $(VENV)/dev.stamp
+	PYTHONPATH=tests $(BIN)/python -m torture
 
 bench: $(VENV)/dev.stamp
 	set -e; for script in tests/benchmarks/*.py; do echo "== $$script"; $(BIN)/python $$script; done

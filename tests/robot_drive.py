@@ -37,7 +37,7 @@ class RobotDrive:
 
 
 def robot_drive(
-    seed=0, seconds=60.0, bias=0.003, scale=1.35, gyro_hz=100, track_hz=40, compass_hz=10, camera_delay=0.0
+    seed=0, seconds=60.0, bias=0.003, scale=1.35, gyro_hz=100, track_hz=40, compass_hz=10, camera_delay=0.0, eyes=None
 ):
     """Legs of 1 to 4 s, standing or turning at up to 1 rad/s while driving at 0.5 m/s.
 
@@ -46,11 +46,40 @@ def robot_drive(
     `camera_delay` seconds after their exposure.
     """
     rng = np.random.default_rng(seed)
-    n = round(HZ * seconds)
-    rate, speed = _legs(rng, n)
-    yaw = np.concatenate([[0.0], np.cumsum(rate[:-1]) / HZ])
+    rate, speed = _legs(rng, round(HZ * seconds))
+    hertz = gyro_hz, track_hz, compass_hz
+    return sensed(rng, rate, speed, bias=bias, scale=scale, hertz=hertz, camera_delay=camera_delay, eyes=eyes)
+
+
+@dataclass(frozen=True)
+class Eyes:
+    """A compass: how long it holds a reference, s, and its errors, rad.
+
+    `noise` is white and known to it. What `lasts` is Gauss-Markov over `time` s; it is claimed in the variance as well
+    where `claims_all`, or else left to the fusion's config.
+    """
+
+    hold: float = 2.0
+    noise: float = 5e-4 * math.sqrt(0.5)
+    lasts: float = 5e-4 * math.sqrt(0.5)
+    time: float = 1.0
+    claims_all: bool = True
+
+
+def sensed(
+    rng, rate, speed, *, bias=0.003, scale=1.35, hertz=(100, 40, 10), camera_delay=0.0, eyes=None, unseen=0.0,
+    gyro_noise=0.003,
+):  # fmt: skip
+    """The drive at this turn rate and speed, each 1 ms (rad/s, m/s), as gyro, tracks and compass see it.
+
+    `unseen` is a turn rate, rad/s each 1 ms, that the tracks do not see: of a robot that is lifted.
+    """
+    gyro_hz, track_hz, compass_hz = hertz
+    n, true = rate.size, rate + unseen
+    yaw = np.concatenate([[0.0], np.cumsum(true[:-1]) / HZ])
     samples = [
-        GyroSample(int(j) * 10**6, float(rate[j] + bias + 0.003 * rng.normal())) for j in range(0, n, HZ // gyro_hz)
+        GyroSample(int(j) * 10**6, float(true[j] + bias + gyro_noise * rng.normal()))
+        for j in range(0, n, HZ // gyro_hz)
     ]
     grip = _gauss_markov(rng, n, 0.5) * 0.02
     claimed = np.concatenate([[0.0], np.cumsum(scale * rate * (1 + grip) + speed * (grip + 0.003))[:-1] / HZ])
@@ -58,7 +87,7 @@ def robot_drive(
     for k, turn in enumerate(np.diff(claimed, prepend=0.0)):
         j = k * (HZ // track_hz)
         samples.append(OdometrySample((j + 1) * 10**6, float(turn * track_hz), float(speed[j]), float(claimed[k])))
-    samples += _increments(rng, yaw, HZ // compass_hz, round(camera_delay * HZ))
+    samples += _increments(rng, yaw, HZ // compass_hz, round(camera_delay * HZ), eyes or Eyes())
     return RobotDrive(np.arange(n) / HZ, yaw, sorted(samples, key=lambda sample: sample.t_ns), camera_delay)
 
 
@@ -78,15 +107,16 @@ def _gauss_markov(rng, n, time):
     return lfilter([math.sqrt(1.0 - keep**2)], [1.0, -keep], rng.normal(size=n))
 
 
-def _increments(rng, yaw, step, late):
-    out, reference, sigma = [], 17, 5e-4
-    lasting = _gauss_markov(rng, yaw.size, 1.0)
+def _increments(rng, yaw, step, late, eyes):
+    out, reference = [], 17
+    variance = eyes.noise**2 + (eyes.lasts**2 if eyes.claims_all else 0.0)
+    lasting = _gauss_markov(rng, yaw.size, eyes.time)
     seen = np.concatenate([np.full(late, yaw[0]), yaw[: yaw.size - late]])
     for j in range(17 + step, yaw.size, step):
-        error = sigma * math.sqrt(0.5) * (lasting[j] + rng.normal())
+        error = eyes.lasts * lasting[j] + eyes.noise * rng.normal()
         turn = float(wrap_angle(seen[j] - seen[reference] + error))
-        out.append(YawIncrement(reference * 10**6, j * 10**6, turn, sigma**2, 0.9))
-        if j - reference >= 2 * HZ:
+        out.append(YawIncrement(reference * 10**6, j * 10**6, turn, variance, 0.9))
+        if j - reference >= eyes.hold * HZ:
             reference = j
     return out
 

@@ -1,0 +1,105 @@
+"""The fast part of `make torture`: controls, some faults that are met, and the script itself."""
+
+import math
+from dataclasses import replace
+
+import pytest
+from torture import changes as do
+from torture import image_changes as see
+from torture.__main__ import SEEDS
+from torture.drives import DRIVES, drive, stream_of
+from torture.report import report
+from torture.rows import MAY, NAMED, NONE, all_rows
+from torture.verdict import try_row
+
+from compass import YawIncrement
+from fusion import GyroSample, OdometrySample
+from fusion.checks.warnings import CODES
+
+ROWS = {(row.who, row.faulty, row.name): row for row in all_rows()}
+MET = [
+    ("GTC", "G", "single spikes of 5 rad/s", "long legs"),
+    ("GTC", "C", "arrives 0.5 s late", "stop and go"),
+    ("GTC", "G", "arrives 0.5 s late", "slow camera"),
+    ("GTC", "T", "stuck", "slow camera"),
+    ("GTC", "T", "slip, 0.5 rad/s for 10 s", "slow camera"),
+    ("GTC", "T", "sign reversed", "slow camera"),
+    ("GTC", "T", "sign reversed from the start", "stop and go"),
+    ("GTC", "C", "mirrored", "slow camera"),
+    ("GTC", "C", "stabilised: does not turn", "slow camera"),
+    ("GTC", "C", "single wrong matches", "slow camera"),
+    ("GTC", "C", "remounted: keyframes anew", "slow camera"),
+]
+
+
+def test_rows_are_told_apart_and_expect_codes_that_exist():
+    rows = all_rows()
+    assert len(ROWS) == len(rows)
+    assert {code for row in rows for code in row.codes} <= set(CODES)
+    assert {row.words for row in rows} == {NAMED, MAY, NONE}
+
+
+@pytest.mark.parametrize("name", DRIVES)
+def test_sound_sensors_are_exact_and_give_no_false_alarm(name):
+    result = try_row(ROWS["GTC", "", "no fault"], name, 5)
+    assert not result.faults
+    assert result.worst < 2.0  # deg; a slow camera leaves half a second to gyro and tracks
+    assert not result.warnings
+
+
+@pytest.mark.parametrize(("who", "faulty", "fault", "name"), MET)
+def test_fault_is_met(who, faulty, fault, name):
+    assert not try_row(ROWS[who, faulty, fault], name, SEEDS[name]).faults
+
+
+def test_what_nobody_can_see_is_told_by_the_verdict():
+    """A gyro that lies alone: the table must say so, whatever the estimator does."""
+    lies = replace(ROWS["GTC", "G", "scale 1.3"], who="G", make=lambda: do.gyro(lambda w, t: w + 1.0))
+    result = try_row(lies, "slow camera", 1)
+    assert "not named" in result.faults
+    assert any("sigma" in fault for fault in result.faults)
+    assert result.over4 > 10.0
+    page = report([result])
+    assert "0 of 1 pass" in page
+    assert "## What fails" in page
+
+
+def samples_of(change, kind, who="GTC", name="slow camera", since=14.0, until=1e6):
+    """Samples of a kind without and with a fault, by arrival."""
+    ride = drive(name, 1)
+    before, after = stream_of(ride, who), change(ride, stream_of(ride, who), since, until)
+    assert after == sorted(after, key=lambda one: one[0])
+    return [[one for one in stream if isinstance(one[1], kind)] for stream in (before, after)]
+
+
+def test_hanging_link_holds_back_and_delivers_all():
+    before, after = samples_of(do.hangs("G", 1.2, 8.0), GyroSample)
+    assert {s.t_ns for _, s in before} == {s.t_ns for _, s in after}
+    late = [arrival - s.t_ns for arrival, s in after]
+    assert max(late) == pytest.approx(1.2e9, abs=1)
+    assert {arrival for arrival, s in after if 14.0 <= s.t_ns * 1e-9 < 15.2} == {15_200_000_000}
+
+
+def test_slipping_tracks_keep_the_turn_that_they_gained():
+    before, after = samples_of(do.tracks(lambda w: w + 0.5), OdometrySample, until=24.0)
+    gained = after[-1][1].yaw - before[-1][1].yaw
+    assert gained == pytest.approx(0.5 * 10.0, abs=0.5 * 0.05)  # within one sample of 20 Hz
+    assert after[-1][1].yaw_rate == before[-1][1].yaw_rate
+
+
+def test_lost_keyframes_start_anew_and_turn_no_further_than_the_robot():
+    ride = drive("long legs", 1)
+    _, after = samples_of(see.dark(), YawIncrement, name="long legs", until=24.0)
+    since = [s for _, s in after if s.t_ns * 1e-9 >= 24.0]
+    assert not any(14.0 <= s.t_ns * 1e-9 < 24.0 for _, s in after)
+    assert min(s.t_ref_ns for s in since) * 1e-9 >= 24.0
+    for s in since:
+        turn = ride.yaw[s.t_ns // 10**6] - ride.yaw[s.t_ref_ns // 10**6]
+        assert abs(math.remainder(s.yaw - turn, math.tau)) < 3e-3
+
+
+def test_robot_that_is_lifted_turns_by_a_quarter_which_its_tracks_do_not_see():
+    plain, lifted = drive("slow camera", 1), drive("slow camera", 1, 14.0)
+    assert lifted.yaw[-1] - plain.yaw[-1] == pytest.approx(math.pi / 2.0, abs=1e-9)
+    claims = [[s.yaw for s in ride.samples if isinstance(s, OdometrySample)] for ride in (plain, lifted)]
+    assert claims[0] == pytest.approx(claims[1], abs=0.02)
