@@ -15,7 +15,7 @@ from compass import YawIncrement, wrap_angle
 from compass.attitude import beyond_error
 from fusion.checks.claims import gyro_claim, tracks_claim
 from fusion.checks.explain import warnings_of
-from fusion.checks.isolation import DOUBT, Doubt, Isolation, Remedy
+from fusion.checks.isolation import DOUBT, DOUBT_FOUND_AGAIN, Doubt, Isolation, Remedy
 from fusion.checks.judge import judge
 from fusion.checks.refusal import Refusal
 from fusion.checks.turns import LONGEST_WINDOW_NS, SAME_NUMBER, Claim, Start, Turns, Window
@@ -355,7 +355,7 @@ class YawFilter:
             if witnessed and refusal is not None:
                 self._doubt_gyro(state, refusal.t_ref_ns, -off)
             else:
-                ekf.widen_frame(DOUBT[Sensor.TRACKS] * off**2)
+                ekf.widen_frame(DOUBT_FOUND_AGAIN * off**2)
         else:
             ekf.widen_frame(DOUBT[Sensor.COMPASS] * off**2)
         ekf.anchor(since, measurement)
