@@ -412,7 +412,9 @@ class YawFilter:
         ekf, config = self._ekf, self.config
         if remedy.bias is not None:
             ekf.renew(State.BIAS, min(remedy.bias_sigma, config.initial_bias_sigma) ** 2, remedy.bias)
-            ekf.widen(State.RATE, config.initial_rate_sigma**2)
+        if remedy.rate is not None:
+            ekf.renew(State.RATE, config.initial_rate_sigma**2, remedy.rate)
+            ekf.renew(State.ACCELERATION, config.rate_walk**2 / (2.0 * config.rate_ramp))
         if remedy.fold > 0.0:
             ekf.widen_frame(remedy.fold)
         if remedy.shift == remedy.delay == 0.0:

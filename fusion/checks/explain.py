@@ -73,7 +73,7 @@ def kind_of(sensor: Sensor, other: Sensor | None, windows: Sequence[Window]) -> 
     seconds = np.array([window.seconds for window, _, _ in both])
     y, x = np.array([a.turn for _, a, _ in both]), np.array([b.turn for _, _, b in both])
     change = np.array([window.rate_change for window, _, _ in both])
-    if sensor is Sensor.GYRO and all(window.gyro_repeats for window, _, _ in both):
+    if sensor is Sensor.GYRO and 2 * sum(window.gyro_repeats for window, _, _ in both) >= len(both):
         return Kind(
             "gyro_stuck", f"the gyro repeats {math.degrees(y[-1] / seconds[-1]):.3g} deg/s", "restart its driver"
         )

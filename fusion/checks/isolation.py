@@ -198,6 +198,8 @@ class Remedy:
         Variance by which the frame of all yaws is known less, rad^2.
     delay : float
         By how much more than thought the images seem to be stamped late, s.
+    rate : float or None
+        The turn rate that the robot has instead of what the gyro said, rad/s.
     """
 
     shift: float = 0.0
@@ -206,6 +208,7 @@ class Remedy:
     bias_sigma: float = math.inf
     fold: float = 0.0
     delay: float = 0.0
+    rate: float | None = None
 
     @staticmethod
     def of(remedies: Iterable[Remedy]) -> Remedy:
@@ -214,7 +217,8 @@ class Remedy:
         for one in remedies:
             bias = (total.bias, total.bias_sigma) if one.bias is None else (one.bias, one.bias_sigma)
             shift = total.shift + one.shift, total.shift_variance + one.shift_variance
-            total = Remedy(*shift, *bias, total.fold + one.fold, total.delay + one.delay)
+            rate = total.rate if one.rate is None else one.rate
+            total = Remedy(*shift, *bias, total.fold + one.fold, total.delay + one.delay, rate)
         return total
 
 

@@ -172,7 +172,8 @@ def _delay(iso: Isolation, doubt: Doubt) -> float | None:
 def _rebias(gyro: Claim, reference: Claim, window: Window, bias: float) -> Remedy:
     """The bias that the gyro would have, were that all that is wrong with it."""
     sigma = math.hypot(gyro.noise, reference.sigma) / window.seconds
-    return Remedy(bias=bias + (gyro.turn - reference.turn) / window.seconds, bias_sigma=sigma)
+    off = (gyro.turn - reference.turn) / window.seconds
+    return Remedy(bias=bias + off, bias_sigma=sigma, rate=reference.turn / window.seconds)
 
 
 def _trust_again(iso: Isolation, sensor: Sensor) -> Judged:
