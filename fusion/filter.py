@@ -35,6 +35,7 @@ from fusion.tracks import TrackClaim, TrackVoice
 FOREVER_NS = 2**63
 HIDDEN_RATE = 1e-3  # rad/s; a start shows only after some hundredths of a second, at about 0.01 rad/s
 WATCHED_NS = 50_000_000  # since the last gyro sample: a slower gyro does not see how the robot starts to turn
+VAGUE = 100.0  # times the noise of a gyro sample; from one of that a turn of 1 rad/s would not stand out
 SILENT_NS = 500_000_000  # longer than the gap between two images of a slow camera
 
 
@@ -66,6 +67,8 @@ class FilterState:
         What each sensor says of the present window.
     isolation : Isolation
         Who contradicts, is excluded and in doubt.
+    gyro_vague : bool
+        Whether the gyro's last sample says next to nothing, as at its end stop.
     gyro_since_ns : int or None
         Since when the gyro has spoken without a pause.
     refusal : Refusal or None
@@ -93,6 +96,7 @@ class FilterState:
     stillness: Stillness = field(default_factory=lambda: Stillness(0))
     turns: Turns = field(default_factory=Turns)
     isolation: Isolation = field(default_factory=Isolation)
+    gyro_vague: bool = False
     gyro_since_ns: int | None = None
     refusal: Refusal | None = None
     warnings: tuple[Warning, ...] = ()
@@ -141,7 +145,7 @@ class YawFilter:
         self._watch(state, event)
         if before.t_ns is not None and event.t_ns > before.t_ns:
             heard_ns = before.gates[Sensor.GYRO].accepted_ns
-            watched = heard_ns is not None and event.t_ns - heard_ns <= WATCHED_NS
+            watched = heard_ns is not None and event.t_ns - heard_ns <= WATCHED_NS and not before.gyro_vague
             ekf.predict_for((event.t_ns - before.t_ns) * 1e-9, still=state.stillness.standing, watched=watched)
         state.t_ns = event.t_ns
         if isinstance(event, GyroEvent):
@@ -194,7 +198,9 @@ class YawFilter:
         turned meanwhile went into the bias and is missing in the yaw.
         """
         stillness = state.stillness
-        if isinstance(event, GyroEvent):
+        if isinstance(event, GyroEvent) and event.sample.variance is not None and self._is_vague(event.sample.variance):
+            stillness = stillness.moved(event.t_ns)
+        elif isinstance(event, GyroEvent):
             stillness = stillness.with_gyro(event.t_ns, event.sample.yaw_rate, self._gyro_sigma(state, event.sample))
         elif isinstance(event, TracksEvent):
             stillness = stillness.with_tracks(event.sample)
@@ -207,6 +213,10 @@ class YawFilter:
                 self._ekf.widen(State.BIAS, bias**2)
                 self._ekf.widen(State.YAW, turn**2)
         state.stillness = stillness
+
+    def _is_vague(self, variance: float) -> bool:
+        """Whether a gyro sample of this variance, (rad/s)^2, says next to nothing."""
+        return variance > (VAGUE * self.config.gyro_sigma) ** 2
 
     def _gyro_sigma(self, state: FilterState, sample: GyroSample) -> float:
         """Standard deviation of a sample's noise, rad/s; at rest, where nothing shakes the gyro, as it is seen."""
@@ -237,6 +247,12 @@ class YawFilter:
             state.bias_gain = gain
         if state.stillness.standing and sample.cross_rate is not None:
             self._ekf.correct(self._ekf.cross_rate_at_rest(sample.cross_rate))
+        vague = sample.variance is not None and self._is_vague(sample.variance)
+        if vague and sample.variance is not None and not state.gyro_vague:
+            self._ekf.widen(State.RATE, sample.variance)  # it may be beyond what was said so far
+        state.gyro_vague = vague
+        if vague:
+            return
         state.turns = state.turns.with_gyro(sample)
         measurement = self._ekf.gyro(sample.yaw_rate, self._gyro_sigma(state, sample) ** 2)
         verdict = self._judge(state, Sensor.GYRO, measurement)

@@ -27,7 +27,7 @@ MOST_STRIKES = 6
 EVIDENCE = 20  # windows with a contradiction that are remembered, to name the fault
 # Probability that a sensor is right that is not followed although nobody could tell: a share of its claim beyond the
 # other, squared. Gyro and compass: the claim stays within two sigmas. The odometry, whose tracks slip: within three.
-DOUBT = {Sensor.GYRO: 0.25, Sensor.COMPASS: 0.25, Sensor.TRACKS: 0.125}
+DOUBT = {Sensor.GYRO: 0.25, Sensor.COMPASS: 0.25, Sensor.TRACKS: 0.15}
 # The same of tracks against a view that was found again across a gap, twice: they slip and get lifted, it seldom errs.
 DOUBT_FOUND_AGAIN = 0.1
 AGREEING = 0.4  # of the way from one to the other; a third as near to one takes its side
