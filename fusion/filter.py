@@ -346,7 +346,11 @@ class YawFilter:
         refusal = state.refusal
         if verdict is Verdict.REJECTED:
             state.refusal = Refusal.of(increment, measurement.innovation, refusal)
-        elif refusal is not None:
+            return
+        slipped = state.isolation.doubt(Sensor.TRACKS)
+        if slipped is not None and increment.t_ref_ns <= slipped.since_ns and state.hears(Sensor.GYRO):
+            state.isolation = state.isolation.sure_of(Sensor.TRACKS)  # gyro and compass saw the same all the while
+        if refusal is not None:
             if increment.t_ref_ns > refusal.t_ref_ns:
                 self._ekf.widen_frame(refusal.variance)
             state.refusal = None
@@ -440,9 +444,12 @@ class YawFilter:
         x[State.CAMERA_DELAY] += remedy.delay
         ekf.x = x
         ekf.widen(State.CAMERA_DELAY, remedy.delay**2)
-        ekf.widen(State.YAW, remedy.shift_variance)
+        known = state.turns.earlier
+        off = 0.0 if remedy.bias is None else remedy.bias - state.turns.start.bias
+        # a gyro that was wrong has brought what the compass saw from exposure to stamp wrongly, too
+        late = (abs(known.delay) + known.delay_sigma) * off
+        ekf.widen(State.YAW, remedy.shift_variance + late**2)
         if remedy.shift:  # what was learnt meanwhile of the others was learnt from what is taken back
-            known = state.turns.earlier
             ekf.renew(State.SCALE, known.scale_sigma**2, known.scale)
             ekf.renew(State.CAMERA_DELAY, known.delay_sigma**2, known.delay)
             state.tracks = None  # nor do the tracks count from a yaw of that time
