@@ -73,3 +73,7 @@ class Clones:
     def kept(self, *slots: int) -> Clones:
         """With the clones in these slots, and no others, kept for the next increment from some seconds ago."""
         return Clones(tuple(replace(c, far=i in slots) if c else None for i, c in enumerate(self.slots)))
+
+    def until(self, t_ns: int, but: int) -> Clones:
+        """Without those of later than `t_ns`, except the one in a slot."""
+        return Clones(tuple(c if c and (i == but or c.t_ns <= t_ns) else None for i, c in enumerate(self.slots)))

@@ -18,7 +18,7 @@ from fusion.checks.explain import warnings_of
 from fusion.checks.isolation import DOUBT, DOUBT_FOUND_AGAIN, Doubt, Isolation, Remedy
 from fusion.checks.judge import judge
 from fusion.checks.refusal import Refusal
-from fusion.checks.turns import LONGEST_WINDOW_NS, SAME_NUMBER, Claim, Start, Turns, Window
+from fusion.checks.turns import LONGEST_WINDOW_NS, SAME_NUMBER, WINDOW_NS, Claim, Start, Turns, Window
 from fusion.checks.warnings import Warning
 from fusion.clones import Clone, Clones
 from fusion.config import FusionConfig
@@ -314,7 +314,10 @@ class YawFilter:
             state.references_lost += 1
             slot = self._remember(state, event.sample.t_ref_ns, reference=True)
         increment = self._levelled(event.sample, state.clones[slot])
+        began_ns = state.turns.start_ns
         moved = not increment.far and self._take_turn(state, increment, slot if known else None)
+        if moved and began_ns is not None:  # yaws of the window that was taken back, or of the one before, are wrong
+            state.clones = state.clones.until(began_ns - WINDOW_NS, but=slot)
         state.clones = state.clones.used(slot, event.t_ns)
         image = self._remember(state, event.t_ns, reference=False)
         if increment.far:
