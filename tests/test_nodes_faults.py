@@ -154,8 +154,8 @@ def test_compass_node_survives_corrupt_jpeg(robot, tmp_path):
         stamps = iter(range(START_NS, START_NS + 10 * SECOND, SECOND // 20))
         send_until(lambda: view(jpeg_message(next(stamps), panorama(0.0, texture))), lambda: compass, "an increment")
         ours = [line for line in node.complaints() if "[compass_node]" in line]  # libpng has a line of its own
-        assert len(ours) == 1
-        assert "corrupt" in ours[0]
+        assert 1 <= len(ours) <= 5  # each kind of fault once, however often it came
+        assert any("corrupt" in line for line in ours)
 
 
 def test_silent_sensors_are_explained_in_log_and_diagnostics(robot, tmp_path):

@@ -127,6 +127,7 @@ class LateImages:
     gyro = GyroTrack.of(())
     odometry = OdometryTrack(np.zeros(0, np.int64), *np.zeros((3, 0)))
     frame_count = exposed.size
+    warnings = ()
 
     def frames(self):
         scene = cv2.GaussianBlur(np.random.default_rng(2).integers(0, 256, (128, 256), np.uint8), (0, 0), 2.0)

@@ -99,6 +99,9 @@ CASES: dict[str, tuple[dict[str, Write], bool]] = {  # what is written otherwise
 }
 
 
+NOTHING_MEASURED = ("gyro nan, alone", "gyro and tracks nan")  # and no image: there is nothing to show
+
+
 def write_case(path: Path, **otherwise: Write) -> Path:
     writers = {"imu": imu, "odom": odom, "truth": truth, "image": image} | otherwise
     hertz = {"imu": 100.0, "odom": 20.0, "truth": 20.0, "image": 10.0}
@@ -116,7 +119,13 @@ def test_fuse_and_evaluate_stand_where_there_is_little_to_show(tmp_path, case, c
     path = write_case(tmp_path / "bag", **otherwise)
     with warnings.catch_warnings():
         warnings.simplefilter("error", UserWarning)  # matplotlib's complaints about empty legends and axes
-        assert main(["fuse", str(path), "--out", str(tmp_path / "out"), "--smooth"]) == 0
+        code = main(["fuse", str(path), "--out", str(tmp_path / "out"), "--smooth"])
+    if case in NOTHING_MEASURED:
+        assert code == 1
+        assert "no sample was usable" in capsys.readouterr().err
+        assert not (tmp_path / "out").exists()
+        return
+    assert code == 0
     assert {file.name for file in (tmp_path / "out").iterdir()} - {"smoothed.tum"} == RESULTS
     assert cv2.imread(str(tmp_path / "out" / "yaw.png")).shape[0] > 300
     capsys.readouterr()

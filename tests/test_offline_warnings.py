@@ -35,9 +35,8 @@ def warning(code="gyro_stuck", sensor="gyro", since_ns=START_NS, text="what, how
 
 def recording(gyro=NO_GYRO, frames=(), **more):
     """A recording from memory."""
-    return SimpleNamespace(
-        gyro=gyro, odometry=NO_ODOMETRY, truth=None, frame_count=len(frames), frames=lambda: frames, **more
-    )
+    fields = {"warnings": (), "gyro": gyro, "odometry": NO_ODOMETRY, "truth": None} | more
+    return SimpleNamespace(frame_count=len(frames), frames=lambda: frames, **fields)
 
 
 def steady_gyro(seconds, rate=0.5):

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fusion.checks.warnings import Warning
 from fusion.offline.run import FusedRun
 from fusion.offline.scores import GYRO, TRACKS, YawTrack, gyro_alone, tracks_alone, yaw_at
 
@@ -48,7 +47,7 @@ class Claim:
 
 def contradiction(run: FusedRun) -> str | None:
     """Say in one line how the compass contradicts the gyro or the tracks, None where it does not."""
-    warnings: list[Warning] = getattr(run, "warnings", [])
+    warnings = [warned.warning for warned in run.warnings]
     told = next((warning.text for warning in warnings if warning.code in _FATAL), None)
     return told or _compared(run)
 

@@ -247,8 +247,8 @@ def read_recording(
     if choice.gyro:
         without = len(columns_of[choice.gyro.name].t_ns) - gyro.t_ns.size
         if not gyro.t_ns.size:
-            told = f"none of its {without} messages is usable: {NO_GYRO}; leave it out with --gyro-topic none"
-            raise BagError(f"{bag.path}: {choice.gyro.name}: {told}")
+            text = f"gyro: none of {choice.gyro.name}'s {without} messages is usable: {NO_GYRO}; it is left out"
+            warnings.note([Warning("samples_lost", "gyro", bag.start_ns, text)])
         dropped += Counter({f"{choice.gyro.name}: {NO_GYRO}": without})
     tracks = _sorted(bag, columns_of, choice.odometry, 3)
     truth = _sorted(bag, columns_of, choice.truth, 3)
