@@ -115,7 +115,8 @@ def _as_before(iso: Isolation, doubt: Doubt, window: Window, bias: float) -> boo
     if claim is None or reference is None:
         return False
     if doubt.sensor is Sensor.TRACKS:
-        return abs(reference.turn) > TURNED and not contradict(claim, reference, window.seconds)
+        turn = abs(reference.turn)  # so much that tracks that turn otherwise, or not at all, would not be as near
+        return turn > max(TURNED, 2.0 * claim.sigma) and abs(claim.turn - reference.turn) < 0.5 * turn
     off = doubt.turn(claim, window.seconds, bias) - reference.turn
     return abs(off) <= 3.0 * math.hypot(claim.sigma, reference.sigma)
 
