@@ -142,12 +142,10 @@ class YawFilter:
             event = replace(event, sample=sample)
         if before.t_ns is None:
             state.stillness = Stillness(event.t_ns, reference_ns=event.t_ns)
+        elif event.t_ns - before.t_ns > SILENT_NS:  # nobody would have seen it start
+            state.stillness = state.stillness.moved(event.t_ns)
         self._watch(state, event)
-        if before.t_ns is not None and event.t_ns > before.t_ns:
-            heard_ns = before.gates[Sensor.GYRO].accepted_ns
-            watched = heard_ns is not None and event.t_ns - heard_ns <= WATCHED_NS and not before.gyro_vague
-            ekf.predict_for((event.t_ns - before.t_ns) * 1e-9, still=state.stillness.standing, watched=watched)
-        state.t_ns = event.t_ns
+        self._predict(state, event.t_ns)
         if isinstance(event, GyroEvent):
             self._fuse_gyro(state, event)
         elif isinstance(event, TracksEvent):
@@ -180,16 +178,22 @@ class YawFilter:
             return state
         moved, ekf = copy.copy(state), self._ekf
         if t_ns - state.t_ns > SILENT_NS:
-            moved.stillness = replace(state.stillness, standing=False)
+            moved.stillness = state.stillness.moved(t_ns)
         ekf.tape = None
         ekf.x, ekf.P = state.x, state.P
         ekf.track_speed, ekf.track_stray = state.track_speed, state.track_stray
         ekf.stray = state.stray.variance
-        heard_ns = state.gates[Sensor.GYRO].accepted_ns
-        watched = heard_ns is not None and t_ns - heard_ns <= WATCHED_NS
-        ekf.predict_for((t_ns - state.t_ns) * 1e-9, still=moved.stillness.standing, watched=watched)
-        moved.t_ns, moved.x, moved.P = t_ns, ekf.x, ekf.P
+        self._predict(moved, t_ns)
+        moved.x, moved.P = ekf.x, ekf.P
         return moved
+
+    def _predict(self, state: FilterState, t_ns: int) -> None:
+        """Move on to `t_ns`, ns."""
+        if state.t_ns is not None and t_ns > state.t_ns:
+            heard_ns = state.gates[Sensor.GYRO].accepted_ns
+            watched = heard_ns is not None and t_ns - heard_ns <= WATCHED_NS and not state.gyro_vague
+            self._ekf.predict_for((t_ns - state.t_ns) * 1e-9, still=state.stillness.standing, watched=watched)
+        state.t_ns = t_ns
 
     def _watch(self, state: FilterState, event: FusionEvent) -> None:
         """Note what an event says of standing; at the first sign of motion the turn rate is open again.

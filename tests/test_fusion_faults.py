@@ -148,6 +148,18 @@ def test_standstill_is_found_and_pins_the_bias():
     assert not moving.estimate().standstill
 
 
+def test_robot_that_stood_is_not_known_to_stand_on_while_all_are_silent():
+    """It may have turned meanwhile; held at a creep of 0.0005 rad/s, 10 s would cost 0.3 deg."""
+    fusion = YawFusion()
+    standing = [s for k in range(200) for s in (GyroSample(k * 10**7, 0.003), OdometrySample(k * 10**7 + 1, 0.0, 0.0))]
+    for sample in standing:
+        fusion.add(sample)
+    assert fusion.estimate().standstill
+    for sample in standing[:60]:
+        fusion.add(replace(sample, t_ns=sample.t_ns + 12 * 10**9))
+    assert math.sqrt(fusion.estimate().yaw_variance) > 1.0  # of up to 1 rad/s
+
+
 def test_gyro_samples_before_standstill_was_found_count():
     rng = np.random.default_rng(5)
     samples = [GyroSample(i * 10**7, 0.004 + 0.003 * rng.normal()) for i in range(60)]
