@@ -7,107 +7,29 @@ from __future__ import annotations
 
 import copy
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
 
 from compass import YawIncrement, wrap_angle
 from compass.attitude import beyond_error
-from fusion.checks.claims import gyro_claim, tracks_claim
-from fusion.checks.explain import warnings_of
-from fusion.checks.isolation import DOUBT, DOUBT_FOUND_AGAIN, Doubt, Isolation, Remedy
-from fusion.checks.judge import judge
-from fusion.checks.refusal import Refusal
-from fusion.checks.turns import LONGEST_WINDOW_NS, SAME_NUMBER, WINDOW_NS, Claim, Start, Turns, Window
-from fusion.checks.warnings import Warning
-from fusion.clones import Clone, Clones
+from fusion.checks.comparison import Comparison
+from fusion.checks.turns import WINDOW_NS
+from fusion.clones import Clone
 from fusion.config import FusionConfig
-from fusion.ekf import YAWS, Array, Correction, Measurement, State, Transition, YawEkf
+from fusion.ekf import YAWS, Correction, Measurement, State, Transition, YawEkf
 from fusion.events import CompassEvent, FusionEvent, GyroEvent, HeadingEvent, Sensor, TracksEvent
-from fusion.exposure import Exposure, GyroTrail
-from fusion.gating import Gate, Verdict, gate_limit
+from fusion.filter_state import SILENT_NS, FilterState, exposure_of
+from fusion.gating import Verdict, gate_limit
 from fusion.lean import LEAN_ERROR, BiasGain, heading_change
-from fusion.samples import GyroSample, YawEstimate
+from fusion.samples import GyroSample
 from fusion.standstill import Stillness
 from fusion.stray import Stray
-from fusion.tracks import TrackClaim, TrackVoice
+from fusion.tracks import TrackClaim
 
 FOREVER_NS = 2**63
-HIDDEN_RATE = 1e-3  # rad/s; a start shows only after some hundredths of a second, at about 0.01 rad/s
 WATCHED_NS = 50_000_000  # since the last gyro sample: a slower gyro does not see how the robot starts to turn
 VAGUE = 100.0  # times the noise of a gyro sample; from one of that a turn of 1 rad/s would not stand out
-SILENT_NS = 500_000_000  # longer than the gap between two images of a slow camera
-
-
-@dataclass(slots=True)
-class FilterState:
-    """All that the filter knows after an event; its members are replaced, never changed.
-
-    Attributes
-    ----------
-    x, P : numpy.ndarray
-        State and covariance, see `fusion.ekf.State`.
-    t_ns : int or None
-        Time they hold for, ns; None before the first event.
-    clones : Clones
-        The yaws it remembers.
-    tracks : TrackClaim or None
-        What the tracks claim since the state TRACK_REF was cloned.
-    track_voice : TrackVoice
-        What of the odometry has ever spoken.
-    track_speed, track_stray : float
-        See `YawEkf`.
-    gates : dict of Sensor to Gate
-        Gate and last report of each sensor.
-    references_lost : int
-        Increments whose reference the filter had never seen or forgotten.
-    stillness : Stillness
-        Signs of standing still.
-    turns : Turns
-        What each sensor says of the present window.
-    isolation : Isolation
-        Who contradicts, is excluded and in doubt.
-    gyro_vague : bool
-        Whether the gyro's last sample says next to nothing, as at its end stop.
-    gyro_since_ns : int or None
-        Since when the gyro has spoken without a pause.
-    refusal : Refusal or None
-        Increments that the gate refuses at present.
-    warnings : tuple of Warning
-        What is wrong.
-    trail : GyroTrail
-        What the gyro said lately.
-    bias_gain : BiasGain
-        How the robot leans, as far as it matters to the gyro's bias.
-    stray : Stray
-        How far images stray from their stamps.
-    """
-
-    x: Array
-    P: Array
-    t_ns: int | None = None
-    clones: Clones = field(default_factory=Clones)
-    tracks: TrackClaim | None = None
-    track_voice: TrackVoice = field(default_factory=TrackVoice)
-    track_speed: float = 0.0
-    track_stray: float = 0.0
-    gates: dict[Sensor, Gate] = field(default_factory=lambda: {sensor: Gate() for sensor in Sensor})
-    references_lost: int = 0
-    stillness: Stillness = field(default_factory=lambda: Stillness(0))
-    turns: Turns = field(default_factory=Turns)
-    isolation: Isolation = field(default_factory=Isolation)
-    gyro_vague: bool = False
-    gyro_since_ns: int | None = None
-    refusal: Refusal | None = None
-    warnings: tuple[Warning, ...] = ()
-    trail: GyroTrail = field(default_factory=GyroTrail)
-    bias_gain: BiasGain = field(default_factory=BiasGain)
-    stray: Stray = field(default_factory=lambda: Stray(0.0))
-
-    def hears(self, sensor: Sensor) -> bool:
-        """Whether a sensor has measured the turning lately."""
-        t_ns = self.gates[sensor].accepted_ns
-        return t_ns is not None and (self.t_ns or 0) - t_ns <= SILENT_NS
 
 
 class YawFilter:
@@ -122,6 +44,7 @@ class YawFilter:
     def __init__(self, config: FusionConfig) -> None:
         self.config = config
         self._ekf = YawEkf(config)
+        self._comparison = Comparison(self._ekf, config)
         self._limit = gate_limit(config)
         seconds = dict.fromkeys(Sensor, config.recovery_time) | {Sensor.TRACKS: config.slip_recovery_time}
         self._recovery_ns = {sensor: round(time * 1e9) for sensor, time in seconds.items()}
@@ -284,7 +207,7 @@ class YawFilter:
         sample, ekf = event.sample, self._ekf
         state.turns = state.turns.with_tracks(sample)
         if state.turns.ends_at_odometry(event.t_ns):
-            self._compare(state, None)
+            self._comparison.compare(state, None)
         tracks = state.tracks
         alone = not (state.hears(Sensor.GYRO) or state.hears(Sensor.COMPASS))
         # seldom enough that a slip meets what the others have settled, and not the other way round
@@ -319,7 +242,7 @@ class YawFilter:
             slot = self._remember(state, event.sample.t_ref_ns, reference=True)
         increment = self._levelled(event.sample, state.clones[slot])
         began_ns = state.turns.start_ns
-        moved = not increment.far and self._take_turn(state, increment, slot if known else None)
+        moved = not increment.far and self._comparison.take_turn(state, increment, slot if known else None)
         if moved and began_ns is not None:  # yaws of the window that was taken back, or of the one before, are wrong
             state.clones = state.clones.until(began_ns - WINDOW_NS, but=slot)
         state.clones = state.clones.used(slot, event.t_ns)
@@ -342,59 +265,9 @@ class YawFilter:
             return
         again = state.refusal is not None and state.refusal.is_repeated_by(increment, measurement.innovation)
         if verdict is Verdict.RECOVERED or (verdict is Verdict.REJECTED and again and not witnessed):
-            self._recover(state, measurement, since, until, witnessed=witnessed)
+            self._comparison.recover(state, measurement, since, until, witnessed=witnessed)
         else:
-            self._note_refusal(state, increment, measurement, verdict)
-
-    def _note_refusal(
-        self, state: FilterState, increment: YawIncrement, measurement: Measurement, verdict: Verdict
-    ) -> None:
-        """Remember what the gate refuses, until an increment over the same time says that it was wrong."""
-        refusal = state.refusal
-        if verdict is Verdict.REJECTED:
-            state.refusal = Refusal.of(increment, measurement.innovation, refusal)
-            return
-        slipped = state.isolation.doubt(Sensor.TRACKS)
-        if slipped is not None and increment.t_ref_ns <= slipped.since_ns and state.hears(Sensor.GYRO):
-            state.isolation = state.isolation.sure_of(Sensor.TRACKS)  # gyro and compass saw the same all the while
-        if refusal is not None:
-            if increment.t_ref_ns > refusal.t_ref_ns:
-                self._ekf.widen_frame(refusal.variance)
-            state.refusal = None
-
-    def _recover(
-        self, state: FilterState, measurement: Measurement, since: int, until: int, *, witnessed: bool
-    ) -> None:
-        """Let increments in again that were refused; `witnessed`: a gyro measured all of the turn.
-
-        A contradiction that grew is one of rates: the increments are followed, and what the gyro claims is in doubt.
-        One that came at once is a wrong match: the yaw stays, and may be wrong by it. Where no gyro saw the turn, only
-        tracks contradict, and those slip and get lifted: a match that repeats is followed.
-        """
-        ekf, config, refusal, off = self._ekf, self.config, state.refusal, measurement.innovation
-        state.refusal = None
-        if not witnessed or (refusal is not None and refusal.grew(off)):
-            x = ekf.x.copy()
-            x[State.YAW] += off
-            x[until] += off
-            ekf.x = x
-            measurement = replace(measurement, innovation=0.0)
-            if witnessed and refusal is not None:
-                self._doubt_gyro(state, refusal.t_ref_ns, -off)
-            else:
-                ekf.widen_frame(DOUBT_FOUND_AGAIN * off**2)
-        else:
-            ekf.widen_frame(DOUBT[Sensor.COMPASS] * off**2)
-        ekf.anchor(since, measurement)
-        ekf.widen(State.BIAS, config.initial_bias_sigma**2)
-        ekf.widen(State.CAMERA_DELAY, config.camera_delay_sigma**2)
-
-    def _doubt_gyro(self, state: FilterState, since_ns: int, offset: float) -> None:
-        """Note that the gyro's bias may be as before all the same."""
-        doubt = state.isolation.doubt(Sensor.GYRO)
-        if doubt is None:
-            doubt = Doubt(Sensor.GYRO, since_ns, 0.0, bias=float(self._ekf.x[State.BIAS]))
-        state.isolation = state.isolation.doubting(replace(doubt, offset=doubt.offset + offset))
+            self._comparison.note_refusal(state, increment, measurement, verdict)
 
     @staticmethod
     def _levelled(increment: YawIncrement, clone: Clone | None) -> YawIncrement:
@@ -402,86 +275,6 @@ class YawFilter:
         if clone is None or clone.up is None or increment.turn is None:
             return increment
         return replace(increment, yaw=float(wrap_angle(heading_change(clone.up, increment.turn, increment.tilt))))
-
-    def _take_turn(self, state: FilterState, increment: YawIncrement, slot: int | None) -> bool:
-        """Compare an increment with what the others say of the same turn; whether the yaw was moved for it."""
-        ekf = self._ekf
-        until = self._exposure(state)
-        clone = state.clones[slot] if slot is not None else None
-        since = clone.exposure if clone else until
-        stray = ekf.stray * float(ekf.x[State.RATE]) ** 2
-        stray += float(ekf.P[State.CAMERA_DELAY, State.CAMERA_DELAY]) * (until.rate - since.rate) ** 2
-        # what it saw between the stamps, as the others did
-        lag = until.turn - since.turn - since.rate * (until.delay - since.delay)
-        witness = replace(increment, yaw=increment.yaw + lag, variance=increment.variance + stray)
-        state.turns = state.turns.with_increment(witness)
-        return state.turns.ends_at_image() and self._compare(state, witness)
-
-    def _compare(self, state: FilterState, increment: YawIncrement | None) -> bool:
-        """End a window: judge what the sensors say of it, and do what follows; whether the yaw was moved."""
-        ekf, turns, t_ns, moved = self._ekf, state.turns, state.t_ns or 0, False
-        start_ns = turns.start_ns if turns.start_ns is not None else t_ns
-        joined = increment is None or (turns.compass is not None and turns.compass.start_ns == start_ns)
-        if joined and 0 < t_ns - start_ns <= LONGEST_WINDOW_NS:
-            window, bias = self._window(state, start_ns), turns.start.bias
-            state.isolation, remedy = judge(state.isolation, window, bias)
-            moved = self._apply(state, remedy)
-            state.warnings = warnings_of(state.isolation)
-            if state.isolation.excludes(Sensor.GYRO):
-                state.trail = GyroTrail()
-            if state.isolation.excludes(Sensor.COMPASS):
-                state.refusal = None
-        state.turns = state.turns.anew(t_ns, Start.of(ekf), increment)
-        return moved
-
-    def _apply(self, state: FilterState, remedy: Remedy) -> bool:
-        """Do what has to be done after a window; whether the yaw was moved."""
-        ekf, config = self._ekf, self.config
-        if remedy.bias is not None:
-            ekf.renew(State.BIAS, min(remedy.bias_sigma, config.initial_bias_sigma) ** 2, remedy.bias)
-        if remedy.rate is not None:
-            ekf.renew(State.RATE, config.initial_rate_sigma**2, remedy.rate)
-            ekf.renew(State.ACCELERATION, config.rate_walk**2 / (2.0 * config.rate_ramp))
-        if remedy.fold > 0.0:
-            ekf.widen_frame(remedy.fold)
-        if remedy.shift == remedy.delay == 0.0:
-            return False
-        x = ekf.x.copy()
-        x[State.YAW] += remedy.shift
-        x[State.CAMERA_DELAY] += remedy.delay
-        ekf.x = x
-        ekf.widen(State.CAMERA_DELAY, remedy.delay**2)
-        known = state.turns.earlier
-        off = 0.0 if remedy.bias is None else remedy.bias - state.turns.start.bias
-        # a gyro that was wrong has brought what the compass saw from exposure to stamp wrongly, too
-        late = (abs(known.delay) + known.delay_sigma) * off
-        ekf.widen(State.YAW, remedy.shift_variance + late**2)
-        if remedy.shift:  # what was learnt meanwhile of the others was learnt from what is taken back
-            ekf.renew(State.SCALE, known.scale_sigma**2, known.scale)
-            ekf.renew(State.CAMERA_DELAY, known.delay_sigma**2, known.delay)
-            state.tracks = None  # nor do the tracks count from a yaw of that time
-        # nor is the yaw to be held at what it seemed to be meanwhile
-        state.stillness = replace(state.stillness, reference_ns=None)
-        state.refusal = None
-        return True
-
-    def _window(self, state: FilterState, start_ns: int) -> Window:
-        """What each sensor says of the window that ends now, calibrated as known at its beginning."""
-        x, turns, t_ns = self._ekf.x, state.turns, state.t_ns or 0
-        compass = turns.compass
-        seen = Claim(compass.turn, math.sqrt(compass.turn_variance)) if compass and compass.t_ns == t_ns else None
-        repeats = turns.gyro is not None and turns.gyro.repeats >= max(turns.gyro.count, SAME_NUMBER)
-        return Window(
-            start_ns,
-            t_ns,
-            gyro_claim(turns, start_ns, t_ns, self.config),
-            tracks_claim(turns, start_ns, t_ns, self.config),
-            seen,
-            float(x[State.YAW]) - turns.start.yaw,
-            repeats,
-            state.track_voice.pose or state.track_voice.twist,
-            float(x[State.RATE]) - turns.start.rate,
-        )
 
     def _judge(self, state: FilterState, sensor: Sensor, measurement: Measurement) -> Verdict:
         """Pass a measurement through its gate and fuse it if accepted."""
@@ -500,47 +293,10 @@ class YawFilter:
         """Clone the yaw at the exposure of an image, as a reference or as a candidate for one; return the slot."""
         slot = state.clones.slot_of(t_ns)
         if slot is None:
-            slot, exposure = state.clones.next_slot(), self._exposure(state)
+            slot, exposure = state.clones.next_slot(), exposure_of(state, self._ekf)
             self._ekf.clone_exposure(State.CLONE + slot, exposure)
             up = state.trail.up_at(t_ns - round(exposure.delay * 1e9))
             state.clones = state.clones.put(slot, Clone(t_ns, t_ns, reference, exposure, up))
         elif reference:
             state.clones = state.clones.used(slot, t_ns)
         return slot
-
-    def _exposure(self, state: FilterState) -> Exposure:
-        """What happened between the exposure of an image stamped at present, and now."""
-        if state.stillness.standing:
-            return Exposure()
-        return self._ekf.exposure(
-            state.t_ns or 0, state.trail if state.trail.t_ns and state.hears(Sensor.GYRO) else None
-        )
-
-
-def estimate_of(state: FilterState) -> YawEstimate | None:
-    """What a state says; None before the first event."""
-    if state.t_ns is None:
-        return None
-    x, P, standing = state.x, state.P, state.stillness.standing
-    rate, seen = float(x[State.RATE]), np.zeros(len(x))
-    seen[State.YAW] = 1.0
-    if state.hears(Sensor.COMPASS) and not state.hears(Sensor.GYRO):
-        seen[State.CAMERA_DELAY] = rate  # taken for known, as nobody else says when the robot turned
-    return YawEstimate(
-        t_ns=state.t_ns,
-        yaw=float(x[State.YAW]),
-        yaw_variance=float(seen @ P @ seen)
-        + state.isolation.variance
-        + (state.refusal.variance if state.refusal else 0.0),
-        yaw_rate=rate,
-        yaw_rate_variance=float(P[State.RATE, State.RATE]) + (HIDDEN_RATE**2 if standing else 0.0),
-        gyro_bias=float(x[State.BIAS]),
-        gyro_bias_variance=float(P[State.BIAS, State.BIAS]),
-        track_scale=float(x[State.SCALE]),
-        track_scale_variance=float(P[State.SCALE, State.SCALE]),
-        camera_delay=float(x[State.CAMERA_DELAY]),
-        camera_delay_variance=float(P[State.CAMERA_DELAY, State.CAMERA_DELAY]),
-        standstill=standing,
-        slip=state.gates[Sensor.TRACKS].rejecting_since_ns is not None,
-        warnings=state.warnings,
-    )

@@ -14,7 +14,7 @@ import numpy.typing as npt
 from compass import CompassConfig, YawIncrement
 from fusion.checks.clocks import ABANDONED_NS, BACKLOG_NS, LONE_NS, ClockWatch, Elsewhen, StampSequence, confirmed
 from fusion.checks.images import image_warnings
-from fusion.checks.refusals import RefusalWatch
+from fusion.checks.refusal_share import RefusalWatch
 from fusion.checks.warnings import Warning, WarningLog, most_serious_first
 from fusion.config import FusionConfig
 from fusion.events import (
@@ -29,7 +29,8 @@ from fusion.events import (
     reference_of,
     sensor_of,
 )
-from fusion.filter import FilterState, YawFilter, estimate_of
+from fusion.filter import YawFilter
+from fusion.filter_state import FilterState, estimate_of
 from fusion.gating import SensorReport
 from fusion.lean import LeanLog
 from fusion.samples import GyroSample, YawEstimate

@@ -17,7 +17,8 @@ import numpy as np
 from fusion.config import FusionConfig
 from fusion.ekf import DIM, Array, Correction, Transition
 from fusion.events import CompassEvent, FusionEvent, Sample, event_of, fault_of, needs_reference, reference_of
-from fusion.filter import FilterState, YawFilter, estimate_of
+from fusion.filter import YawFilter
+from fusion.filter_state import FilterState, estimate_of
 from fusion.samples import YawEstimate
 
 SEGMENT = 1000  # events whose matrices are kept at a time; their states are filtered twice

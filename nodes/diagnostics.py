@@ -13,7 +13,7 @@ from rclpy.node import Node
 
 from compass import VisualCompass
 from fusion import Sensor, SensorReport, Warning, YawEstimate
-from fusion.filter import FilterState
+from fusion.filter_state import FilterState
 from fusion.lean import lean_angle
 from nodes.complaints import Complaints, surviving
 from nodes.health import Level, StreamHealth

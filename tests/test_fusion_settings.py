@@ -13,7 +13,8 @@ from fusion import FusionConfig, GyroSample, OdometrySample, YawFusion
 from fusion.bounds import LOST
 from fusion.ekf import State, YawEkf
 from fusion.events import event_of, reference_of
-from fusion.filter import YawFilter, estimate_of
+from fusion.filter import YawFilter
+from fusion.filter_state import estimate_of
 from fusion.motion import integrate_gauss_markov
 from fusion.smoother import smooth
 

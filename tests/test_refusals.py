@@ -6,7 +6,7 @@ import pytest
 
 from compass import YawIncrement
 from fusion import GyroSample, OdometrySample, Sensor, SensorReport, Verdict, Warning, YawPipeline
-from fusion.checks.refusals import SHORTEST_NS, WINDOW_NS, RefusalWatch
+from fusion.checks.refusal_share import SHORTEST_NS, WINDOW_NS, RefusalWatch
 
 SECOND = 1_000_000_000
 

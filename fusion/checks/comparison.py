@@ -1,0 +1,164 @@
+"""The filter's side of fault isolation: windows of turns made and judged, and what follows done to the state."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+from compass import YawIncrement
+from fusion.checks.claims import gyro_claim, tracks_claim
+from fusion.checks.explain import warnings_of
+from fusion.checks.isolation import DOUBT, DOUBT_FOUND_AGAIN, Doubt, Remedy
+from fusion.checks.judge import judge
+from fusion.checks.refusal import Refusal
+from fusion.checks.turns import LONGEST_WINDOW_NS, SAME_NUMBER, Claim, Start, Window
+from fusion.config import FusionConfig
+from fusion.ekf import Measurement, State, YawEkf
+from fusion.events import Sensor
+from fusion.exposure import GyroTrail
+from fusion.filter_state import FilterState, exposure_of
+from fusion.gating import Verdict
+
+
+class Comparison:
+    """Compares what the sensors say of the same turn, and repairs the state of a filter where they contradict.
+
+    Parameters
+    ----------
+    ekf : YawEkf
+        It holds state and covariance of the `FilterState` that the methods are given.
+    config : FusionConfig
+        Of all models.
+    """
+
+    def __init__(self, ekf: YawEkf, config: FusionConfig) -> None:
+        self._ekf = ekf
+        self._config = config
+
+    def take_turn(self, state: FilterState, increment: YawIncrement, slot: int | None) -> bool:
+        """Compare an increment with what the others say of the same turn; whether the yaw was moved for it."""
+        ekf = self._ekf
+        until = exposure_of(state, self._ekf)
+        clone = state.clones[slot] if slot is not None else None
+        since = clone.exposure if clone else until
+        stray = ekf.stray * float(ekf.x[State.RATE]) ** 2
+        stray += float(ekf.P[State.CAMERA_DELAY, State.CAMERA_DELAY]) * (until.rate - since.rate) ** 2
+        # what it saw between the stamps, as the others did
+        lag = until.turn - since.turn - since.rate * (until.delay - since.delay)
+        witness = replace(increment, yaw=increment.yaw + lag, variance=increment.variance + stray)
+        state.turns = state.turns.with_increment(witness)
+        return state.turns.ends_at_image() and self.compare(state, witness)
+
+    def compare(self, state: FilterState, increment: YawIncrement | None) -> bool:
+        """End a window: judge what the sensors say of it, and do what follows; whether the yaw was moved."""
+        ekf, turns, t_ns, moved = self._ekf, state.turns, state.t_ns or 0, False
+        start_ns = turns.start_ns if turns.start_ns is not None else t_ns
+        joined = increment is None or (turns.compass is not None and turns.compass.start_ns == start_ns)
+        if joined and 0 < t_ns - start_ns <= LONGEST_WINDOW_NS:
+            window, bias = self._window(state, start_ns), turns.start.bias
+            state.isolation, remedy = judge(state.isolation, window, bias)
+            moved = self._apply(state, remedy)
+            state.warnings = warnings_of(state.isolation)
+            if state.isolation.excludes(Sensor.GYRO):
+                state.trail = GyroTrail()
+            if state.isolation.excludes(Sensor.COMPASS):
+                state.refusal = None
+        state.turns = state.turns.anew(t_ns, Start.of(ekf), increment)
+        return moved
+
+    def _apply(self, state: FilterState, remedy: Remedy) -> bool:
+        """Do what has to be done after a window; whether the yaw was moved."""
+        ekf, config = self._ekf, self._config
+        if remedy.bias is not None:
+            ekf.renew(State.BIAS, min(remedy.bias_sigma, config.initial_bias_sigma) ** 2, remedy.bias)
+        if remedy.rate is not None:
+            ekf.renew(State.RATE, config.initial_rate_sigma**2, remedy.rate)
+            ekf.renew(State.ACCELERATION, config.rate_walk**2 / (2.0 * config.rate_ramp))
+        if remedy.fold > 0.0:
+            ekf.widen_frame(remedy.fold)
+        if remedy.shift == remedy.delay == 0.0:
+            return False
+        x = ekf.x.copy()
+        x[State.YAW] += remedy.shift
+        x[State.CAMERA_DELAY] += remedy.delay
+        ekf.x = x
+        ekf.widen(State.CAMERA_DELAY, remedy.delay**2)
+        known = state.turns.earlier
+        off = 0.0 if remedy.bias is None else remedy.bias - state.turns.start.bias
+        # a gyro that was wrong has brought what the compass saw from exposure to stamp wrongly, too
+        late = (abs(known.delay) + known.delay_sigma) * off
+        ekf.widen(State.YAW, remedy.shift_variance + late**2)
+        if remedy.shift:  # what was learnt meanwhile of the others was learnt from what is taken back
+            ekf.renew(State.SCALE, known.scale_sigma**2, known.scale)
+            ekf.renew(State.CAMERA_DELAY, known.delay_sigma**2, known.delay)
+            state.tracks = None  # nor do the tracks count from a yaw of that time
+        # nor is the yaw to be held at what it seemed to be meanwhile
+        state.stillness = replace(state.stillness, reference_ns=None)
+        state.refusal = None
+        return True
+
+    def _window(self, state: FilterState, start_ns: int) -> Window:
+        """What each sensor says of the window that ends now, calibrated as known at its beginning."""
+        x, turns, t_ns = self._ekf.x, state.turns, state.t_ns or 0
+        compass = turns.compass
+        seen = Claim(compass.turn, math.sqrt(compass.turn_variance)) if compass and compass.t_ns == t_ns else None
+        repeats = turns.gyro is not None and turns.gyro.repeats >= max(turns.gyro.count, SAME_NUMBER)
+        return Window(
+            start_ns,
+            t_ns,
+            gyro_claim(turns, start_ns, t_ns, self._config),
+            tracks_claim(turns, start_ns, t_ns, self._config),
+            seen,
+            float(x[State.YAW]) - turns.start.yaw,
+            repeats,
+            state.track_voice.pose or state.track_voice.twist,
+            float(x[State.RATE]) - turns.start.rate,
+        )
+
+    def note_refusal(
+        self, state: FilterState, increment: YawIncrement, measurement: Measurement, verdict: Verdict
+    ) -> None:
+        """Remember what the gate refuses, until an increment over the same time says that it was wrong."""
+        refusal = state.refusal
+        if verdict is Verdict.REJECTED:
+            state.refusal = Refusal.of(increment, measurement.innovation, refusal)
+            return
+        slipped = state.isolation.doubt(Sensor.TRACKS)
+        if slipped is not None and increment.t_ref_ns <= slipped.since_ns and state.hears(Sensor.GYRO):
+            state.isolation = state.isolation.sure_of(Sensor.TRACKS)  # gyro and compass saw the same all the while
+        if refusal is not None:
+            if increment.t_ref_ns > refusal.t_ref_ns:
+                self._ekf.widen_frame(refusal.variance)
+            state.refusal = None
+
+    def recover(self, state: FilterState, measurement: Measurement, since: int, until: int, *, witnessed: bool) -> None:
+        """Let increments in again that were refused; `witnessed`: a gyro measured all of the turn.
+
+        A contradiction that grew is one of rates: the increments are followed, and what the gyro claims is in doubt.
+        One that came at once is a wrong match: the yaw stays, and may be wrong by it. Where no gyro saw the turn, only
+        tracks contradict, and those slip and get lifted: a match that repeats is followed.
+        """
+        ekf, config, refusal, off = self._ekf, self._config, state.refusal, measurement.innovation
+        state.refusal = None
+        if not witnessed or (refusal is not None and refusal.grew(off)):
+            x = ekf.x.copy()
+            x[State.YAW] += off
+            x[until] += off
+            ekf.x = x
+            measurement = replace(measurement, innovation=0.0)
+            if witnessed and refusal is not None:
+                self._doubt_gyro(state, refusal.t_ref_ns, -off)
+            else:
+                ekf.widen_frame(DOUBT_FOUND_AGAIN * off**2)
+        else:
+            ekf.widen_frame(DOUBT[Sensor.COMPASS] * off**2)
+        ekf.anchor(since, measurement)
+        ekf.widen(State.BIAS, config.initial_bias_sigma**2)
+        ekf.widen(State.CAMERA_DELAY, config.camera_delay_sigma**2)
+
+    def _doubt_gyro(self, state: FilterState, since_ns: int, offset: float) -> None:
+        """Note that the gyro's bias may be as before all the same."""
+        doubt = state.isolation.doubt(Sensor.GYRO)
+        if doubt is None:
+            doubt = Doubt(Sensor.GYRO, since_ns, 0.0, bias=float(self._ekf.x[State.BIAS]))
+        state.isolation = state.isolation.doubting(replace(doubt, offset=doubt.offset + offset))

@@ -1,0 +1,132 @@
+"""All that the filter knows after an event, and what that says of the yaw."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from fusion.checks.isolation import Isolation
+from fusion.checks.refusal import Refusal
+from fusion.checks.turns import Turns
+from fusion.checks.warnings import Warning
+from fusion.clones import Clones
+from fusion.ekf import Array, State, YawEkf
+from fusion.events import Sensor
+from fusion.exposure import Exposure, GyroTrail
+from fusion.gating import Gate
+from fusion.lean import BiasGain
+from fusion.samples import YawEstimate
+from fusion.standstill import Stillness
+from fusion.stray import Stray
+from fusion.tracks import TrackClaim, TrackVoice
+
+HIDDEN_RATE = 1e-3  # rad/s; a start shows only after some hundredths of a second, at about 0.01 rad/s
+SILENT_NS = 500_000_000  # longer than the gap between two images of a slow camera
+
+
+@dataclass(slots=True)
+class FilterState:
+    """All that the filter knows after an event; its members are replaced, never changed.
+
+    Attributes
+    ----------
+    x, P : numpy.ndarray
+        State and covariance, see `fusion.ekf.State`.
+    t_ns : int or None
+        Time they hold for, ns; None before the first event.
+    clones : Clones
+        The yaws it remembers.
+    tracks : TrackClaim or None
+        What the tracks claim since the state TRACK_REF was cloned.
+    track_voice : TrackVoice
+        What of the odometry has ever spoken.
+    track_speed, track_stray : float
+        See `YawEkf`.
+    gates : dict of Sensor to Gate
+        Gate and last report of each sensor.
+    references_lost : int
+        Increments whose reference the filter had never seen or forgotten.
+    stillness : Stillness
+        Signs of standing still.
+    turns : Turns
+        What each sensor says of the present window.
+    isolation : Isolation
+        Who contradicts, is excluded and in doubt.
+    gyro_vague : bool
+        Whether the gyro's last sample says next to nothing, as at its end stop.
+    gyro_since_ns : int or None
+        Since when the gyro has spoken without a pause.
+    refusal : Refusal or None
+        Increments that the gate refuses at present.
+    warnings : tuple of Warning
+        What is wrong.
+    trail : GyroTrail
+        What the gyro said lately.
+    bias_gain : BiasGain
+        How the robot leans, as far as it matters to the gyro's bias.
+    stray : Stray
+        How far images stray from their stamps.
+    """
+
+    x: Array
+    P: Array
+    t_ns: int | None = None
+    clones: Clones = field(default_factory=Clones)
+    tracks: TrackClaim | None = None
+    track_voice: TrackVoice = field(default_factory=TrackVoice)
+    track_speed: float = 0.0
+    track_stray: float = 0.0
+    gates: dict[Sensor, Gate] = field(default_factory=lambda: {sensor: Gate() for sensor in Sensor})
+    references_lost: int = 0
+    stillness: Stillness = field(default_factory=lambda: Stillness(0))
+    turns: Turns = field(default_factory=Turns)
+    isolation: Isolation = field(default_factory=Isolation)
+    gyro_vague: bool = False
+    gyro_since_ns: int | None = None
+    refusal: Refusal | None = None
+    warnings: tuple[Warning, ...] = ()
+    trail: GyroTrail = field(default_factory=GyroTrail)
+    bias_gain: BiasGain = field(default_factory=BiasGain)
+    stray: Stray = field(default_factory=lambda: Stray(0.0))
+
+    def hears(self, sensor: Sensor) -> bool:
+        """Whether a sensor has measured the turning lately."""
+        t_ns = self.gates[sensor].accepted_ns
+        return t_ns is not None and (self.t_ns or 0) - t_ns <= SILENT_NS
+
+
+def exposure_of(state: FilterState, ekf: YawEkf) -> Exposure:
+    """What happened between the exposure of an image stamped at present, and now."""
+    if state.stillness.standing:
+        return Exposure()
+    return ekf.exposure(state.t_ns or 0, state.trail if state.trail.t_ns and state.hears(Sensor.GYRO) else None)
+
+
+def estimate_of(state: FilterState) -> YawEstimate | None:
+    """What a state says; None before the first event."""
+    if state.t_ns is None:
+        return None
+    x, P, standing = state.x, state.P, state.stillness.standing
+    rate, seen = float(x[State.RATE]), np.zeros(len(x))
+    seen[State.YAW] = 1.0
+    if state.hears(Sensor.COMPASS) and not state.hears(Sensor.GYRO):
+        seen[State.CAMERA_DELAY] = rate  # taken for known, as nobody else says when the robot turned
+    return YawEstimate(
+        t_ns=state.t_ns,
+        yaw=float(x[State.YAW]),
+        yaw_variance=float(seen @ P @ seen)
+        + state.isolation.variance
+        + (state.refusal.variance if state.refusal else 0.0),
+        yaw_rate=rate,
+        yaw_rate_variance=float(P[State.RATE, State.RATE]) + (HIDDEN_RATE**2 if standing else 0.0),
+        gyro_bias=float(x[State.BIAS]),
+        gyro_bias_variance=float(P[State.BIAS, State.BIAS]),
+        track_scale=float(x[State.SCALE]),
+        track_scale_variance=float(P[State.SCALE, State.SCALE]),
+        camera_delay=float(x[State.CAMERA_DELAY]),
+        camera_delay_variance=float(P[State.CAMERA_DELAY, State.CAMERA_DELAY]),
+        standstill=standing,
+        slip=state.gates[Sensor.TRACKS].rejecting_since_ns is not None,
+        warnings=state.warnings,
+    )
