@@ -47,7 +47,8 @@ class Warning:
     code : str
         Stable and short, one of `CODES`.
     sensor : str
-        ``gyro``, ``tracks``, ``compass``, or two of them joined by ``+`` where nobody can tell which one errs.
+        ``gyro``, ``tracks``, ``compass``, or two of them joined by ``+`` where nobody can tell which one errs;
+        ``recording`` where messages of any are missing.
     since_ns : int
         Stamp from which on it was so, ns.
     text : str

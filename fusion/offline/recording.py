@@ -18,7 +18,7 @@ import numpy.typing as npt
 from compass.attitude import Vector
 from compass.errors import ImageError
 from compass.image import Image
-from fusion.checks.warnings import Warning, WarningLog
+from fusion.checks.warnings import Warning, WarningLog, most_serious_first
 from fusion.events import Sensor
 from fusion.imu.level import ImuConfig, ImuLevel
 from fusion.lean import LATEST_NS, NEAR_NS, up_later
@@ -32,6 +32,7 @@ from fusion.samples import GyroSample, OdometrySample
 log = logging.getLogger(__name__)
 
 FRAMES_OUT_OF_ORDER = 8  # images are put in order within so many; further ones the compass refuses and counts
+LOST = 0.01  # of all messages; single ones are dropped by any link
 FIRST_IMAGES = 20  # of which the stamp in the middle is taken for right
 HOPELESS = 10  # after so many unusable images and no usable one the reason is given and the run ends
 
@@ -165,8 +166,8 @@ class BagRecording:
         Where the gyro's vertical came from at the end (see `ImuConfig.up`).
     dropped : Counter of str
         Messages that could not be used, by reason.
-    warnings : list of Warning
-        What was wrong with clocks and the IMU, most serious first.
+    found : list of Warning
+        What was wrong with clocks and the IMU.
     vertical_words : str
         Where the gyro's vertical came from at the end, in words.
     """
@@ -179,8 +180,20 @@ class BagRecording:
     truth: TruthTrack | None
     vertical: str
     dropped: Counter[str] = field(default_factory=Counter)
-    warnings: list[Warning] = field(default_factory=list)
+    found: list[Warning] = field(default_factory=list)
     vertical_words: str = ""
+
+    @property
+    def warnings(self) -> list[Warning]:
+        """What is wrong with it as far as it was read, most serious first; messages that are missing included."""
+        since_ns = next((int(track.t_ns[0]) for track in (self.gyro, self.odometry) if track.t_ns.size), 0)
+        told = list(self.bag.faults)
+        # halves of messages have a warning of their own
+        dropped = {reason: count for reason, count in sorted(self.dropped.items()) if NO_GYRO not in reason}
+        if sum(dropped.values()) > LOST * sum(topic.count for topic in self.choice):
+            told += [f"{count} unusable: {reason}" for reason, count in dropped.items()]
+        lost = [Warning("samples_lost", "recording", since_ns, "; ".join(told))] if told else []
+        return most_serious_first([*self.found, *lost])
 
     @property
     def frame_count(self) -> int:
