@@ -32,19 +32,31 @@ class FusionConfig(ParameterSet):
         0.4, "the same while a gyro watches; what changes faster the gyro reports twice before it is believed",
         unit="rad/s/sqrt(s)", low=1e-4, high=100.0,
     )  # fmt: skip
+    rate_walk_factor: float = parameter(
+        3.0, "by what factor `watched_rate_walk` may be wrong, standard deviation: it is learnt; 1: it is right",
+        low=1.0, high=10.0,
+    )  # fmt: skip
     rate_ramp: float = parameter(0.02, "how long an acceleration of the turning lasts", unit="s", low=1e-3, high=10.0)
     gyro_sigma: float = parameter(
         0.0025, "white noise of one gyro sample, standard deviation", unit="rad/s", low=1e-6, high=10.0
     )
     initial_bias_sigma: float = parameter(
-        0.01, "gyro bias to expect at the start, standard deviation", unit="rad/s", low=1e-6, high=1.0
+        0.005, "gyro bias to expect at the start, standard deviation", unit="rad/s", low=1e-6, high=1.0
+    )
+    least_bias_sigma: float = parameter(
+        0.0001,
+        "the same of a gyro that its driver has calibrated; any between is as likely, and gyro and tracks that agree "
+        "tell",
+        unit="rad/s",
+        low=1e-6,
+        high=1.0,
     )
     bias_walk: float = parameter(
         0.00002, "wander of the gyro bias: its standard deviation after one second", unit="rad/s/sqrt(s)",
         low=0.0, high=1.0,
     )  # fmt: skip
     gyro_scale_sigma: float = parameter(
-        0.001, "error of the gyro's scale factor to expect, standard deviation", low=0.0, high=0.5
+        0.01, "error of the gyro's scale factor to expect, standard deviation", low=0.0, high=0.5
     )
     odometry: str = parameter(
         "pose",
@@ -68,11 +80,21 @@ class FusionConfig(ParameterSet):
     track_slip_speed: float = parameter(
         0.1, "straying of the tracks' turn rate per speed, standard deviation", unit="rad/m", low=0.0, high=10.0
     )
+    slip_factor: float = parameter(
+        3.0,
+        "by what factor `track_noise` and the two before may be wrong, standard deviation: it is learnt; 1: they are "
+        "right",
+        low=1.0,
+        high=10.0,
+    )
     slip_time: float = parameter(0.5, "how long such straying lasts", unit="s", low=1e-3, high=1e3)
     veer_sigma: float = parameter(
-        0.01, "turn the tracks claim per metre driven straight (one track longer), standard deviation", unit="rad/m",
+        0.015, "turn the tracks claim per metre driven straight (one track longer), standard deviation", unit="rad/m",
         low=0.0, high=1.0,
     )  # fmt: skip
+    least_veer_sigma: float = parameter(
+        0.00025, "the same of tracks that were calibrated; any between is as likely", unit="rad/m", low=1e-6, high=1.0
+    )
     initial_scale: float = parameter(1.0, "turn rate claimed by the tracks over the true one", low=0.05, high=20.0)
     initial_scale_sigma: float = parameter(0.3, "its standard deviation at the start", low=1e-6, high=10.0)
     scale_walk: float = parameter(

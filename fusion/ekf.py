@@ -21,12 +21,14 @@ from fusion.events import FASTEST
 from fusion.exposure import Exposure, GyroTrail
 from fusion.lean import BiasGain
 from fusion.motion import integrate_gauss_markov, turning
+from fusion.noise import LearntNoise
 
 Array = npt.NDArray[np.float64]
 CLONES = 5  # two images and a keyframe; two views some seconds apart
 LASTING = 0.5  # share of an increment's variance that is taken to last beyond it, of one from the keyframe at most
 CREEP_RATE = 5e-4  # rad/s, slower than standstill can be told from
 DELAY_WALK = 0.2  # 1/sqrt(s), wander of the camera's delay for what its stamps stray by
+LEAST_OTHERS = 0.05  # share of an innovation's variance that is no slip, at least
 STILL_TURN = 1e-5  # rad, what standing still leaves of a turn
 
 
@@ -118,6 +120,9 @@ class YawEkf(ExtendedKalmanFilter):
     track_speed: float  # m/s, what the tracks last claimed
     track_stray: float  # rad/s, standard deviation of the passing error they have at that
     stray: float  # s^2, variance by which images stray from their stamps
+    agility: float  # squared factor of `watched_rate_walk`, learnt
+    slip_turn: float  # squared factor of `track_slip_turn`, learnt
+    slip_speed: float  # that of `track_slip_speed` and `track_noise`
 
     def __init__(self, config: FusionConfig) -> None:
         super().__init__(dim_x=DIM, dim_z=1)  # type: ignore[no-untyped-call]
@@ -139,6 +144,7 @@ class YawEkf(ExtendedKalmanFilter):
         self.P[np.ix_(YAWS, YAWS)] = config.initial_yaw_sigma**2
         self.track_speed = self.track_stray = 0.0
         self.stray = config.compass_timing**2
+        self.agility = self.slip_turn = self.slip_speed = 1.0
         self.tape: list[Transition | Correction] | None = None  # notes every step where somebody listens
 
     def predict_for(self, dt: float, *, still: bool = False, watched: bool = False) -> None:
@@ -164,8 +170,8 @@ class YawEkf(ExtendedKalmanFilter):
         """
         config = self.config
         F, Q = np.eye(DIM), np.zeros((DIM, DIM))
-        walk = config.watched_rate_walk if watched else config.rate_walk
-        q, prior, ramp = walk**2, config.initial_rate_sigma**2, config.rate_ramp
+        q = config.watched_rate_walk**2 * self.agility if watched else config.rate_walk**2
+        prior, ramp = config.initial_rate_sigma**2, config.rate_ramp
         F[State.YAW, State.RATE] = dt
         if still or self.P[State.RATE, State.RATE] + q * dt > prior:
             F[State.ACCELERATION, State.ACCELERATION] = math.exp(-dt / ramp)
@@ -187,7 +193,43 @@ class YawEkf(ExtendedKalmanFilter):
     def hear_tracks(self, yaw_rate: float, speed: float) -> None:
         """Note what the tracks claim (rad/s, m/s): how far they stray grows with turning and with speed."""
         self.track_speed = speed
-        self.track_stray = math.hypot(self.config.track_slip_turn * yaw_rate, self.config.track_slip_speed * speed)
+        self.track_stray = math.sqrt(
+            self.slip_turn * (self.config.track_slip_turn * yaw_rate) ** 2
+            + self.slip_speed * (self.config.track_slip_speed * speed) ** 2
+        )
+
+    def learnt_slip(
+        self, known: tuple[LearntNoise, LearntNoise], measurement: Measurement, yaw_rate: float, seconds: float
+    ) -> tuple[LearntNoise, LearntNoise]:
+        """How the tracks slip by turning and by driving, after a turn over `seconds`, at most at `yaw_rate`, rad/s.
+
+        What slip gives to the innovation's variance is split as it is configured, at the factors known so far.
+        """
+        config, S = self.config, self.innovation_variance(measurement)
+        white = config.track_noise**2 * seconds
+        lasting = config.slip_time * seconds  # of an integral over slip, but for a constant that cancels
+        turning = (config.track_slip_turn * yaw_rate) ** 2 * lasting
+        driving = (config.track_slip_speed * self.track_speed) ** 2 * lasting + white
+        slipping = self.slip_turn * turning + self.slip_speed * driving
+        slipped = float(self.P[State.TRACK_ERROR, State.TRACK_ERROR]) + self.slip_speed * white
+        share = slipped / slipping if slipping > 0.0 else 0.0
+        turning, driving = share * turning, share * driving
+        others = max(S - slipped, LEAST_OTHERS * S)
+        by_turn, by_speed = known
+        return (
+            by_turn.after(measurement.innovation, others + self.slip_speed * driving, math.sqrt(turning)),
+            by_speed.after(measurement.innovation, others + self.slip_turn * turning, math.sqrt(driving)),
+        )
+
+    def allow_start(self, seconds: float) -> None:
+        """Let the turn rate have changed for `seconds` as it may by the configuration, if it was learnt to be calmer.
+
+        A robot that drove straight for long turns all the same.
+        """
+        missing = self.config.watched_rate_walk**2 * (1.0 - self.agility)
+        if missing > 0.0:
+            self.P = self.P.copy()
+            self.P[_TURNING_BLOCK] += turning(missing, self.config.rate_ramp, min(seconds, LONGEST_STEP))[1]
 
     def refer_tracks(self) -> None:
         """Make the present the reference of the tracks."""
@@ -275,14 +317,20 @@ class YawEkf(ExtendedKalmanFilter):
         self.x = x
         self.P[np.ix_(YAWS, YAWS)] += variance
 
-    def gyro(self, yaw_rate: float, variance: float | None) -> Measurement:
-        """What a gyro sample (rad/s, variance (rad/s)^2) says: (1 + gyro scale) rate + bias."""
+    def gyro(self, yaw_rate: float, variance: float | None, *, scale_told: bool = True) -> Measurement:
+        """What a gyro sample (rad/s, variance (rad/s)^2) says: (1 + gyro scale) rate + bias.
+
+        A sample does not tell its own scale, which is only considered: it is a factor of the rate, which the sample
+        does tell, and linearised the noise of the one would draw the other down. What tells it is a compass, by the yaw
+        that goes along with it. Without one (not `scale_told`) the scale is left out: the tracks, whose scale is not
+        known either, would seem to tell it, linearised.
+        """
         x = self.x
         rate, gain = float(x[State.RATE]), 1.0 + float(x[State.GYRO_SCALE])
         H = np.zeros((1, DIM))
-        H[0, State.RATE], H[0, State.BIAS], H[0, State.GYRO_SCALE] = gain, 1.0, rate
+        H[0, State.RATE], H[0, State.BIAS], H[0, State.GYRO_SCALE] = gain, 1.0, rate if scale_told else 0.0
         R = self.config.gyro_sigma**2 if variance is None else variance
-        return Measurement(yaw_rate - gain * rate - float(x[State.BIAS]), H, R)
+        return Measurement(yaw_rate - gain * rate - float(x[State.BIAS]), H, R, consider=(State.GYRO_SCALE,))
 
     def cross_rate_at_rest(self, rate: float) -> Measurement:
         """What a gyro's rate (rad/s) about the y axis of a robot that stands says: its bias."""
@@ -319,7 +367,8 @@ class YawEkf(ExtendedKalmanFilter):
         PH = self.P @ H
         H_after = H.copy()
         H_after[State.SCALE] += float(M @ PH) / (float(H @ PH) + R) * innovation
-        return Measurement(innovation, H[None, :], R, H_after[None, :], (State.SCALE,) if alone else ())
+        consider = (State.SCALE, State.GYRO_SCALE) if alone else (State.GYRO_SCALE,)
+        return Measurement(innovation, H[None, :], R, H_after[None, :], consider)
 
     def stand_still(self, seconds: float) -> None:
         """Take in that the robot has stood for so long, since STILL_REF, but for a creep too slow to be found."""

@@ -13,22 +13,26 @@ import numpy as np
 
 from compass import YawIncrement, wrap_angle
 from compass.attitude import beyond_error
+from fusion.agreement import Agreement
 from fusion.checks.comparison import Comparison
 from fusion.checks.turns import WINDOW_NS
 from fusion.clones import Clone
 from fusion.config import FusionConfig
 from fusion.ekf import YAWS, Correction, Measurement, State, Transition, YawEkf
 from fusion.events import CompassEvent, FusionEvent, GyroEvent, HeadingEvent, Sensor, TracksEvent
-from fusion.filter_state import SILENT_NS, FilterState, exposure_of
+from fusion.filter_state import SILENT_NS, FilterState, believed, exposure_of
 from fusion.gating import Verdict, gate_limit
 from fusion.lean import LEAN_ERROR, BiasGain, heading_change
+from fusion.noise import LearntNoise
 from fusion.samples import GyroSample
 from fusion.standstill import Stillness
-from fusion.stray import Stray
 from fusion.tracks import TrackClaim
 
+GYRO_MEMORY = 3000.0  # gyro samples; half a minute of them, legs of straight driving and turns
+TRACK_MEMORY = 300.0  # turns of the tracks; some minutes
 FOREVER_NS = 2**63
 WATCHED_NS = 50_000_000  # since the last gyro sample: a slower gyro does not see how the robot starts to turn
+SETTLING = 3.0  # s, over which is published what a standing robot finds out of its yaw
 VAGUE = 100.0  # times the noise of a gyro sample; from one of that a turn of 1 rad/s would not stand out
 
 
@@ -48,18 +52,28 @@ class YawFilter:
         self._limit = gate_limit(config)
         seconds = dict.fromkeys(Sensor, config.recovery_time) | {Sensor.TRACKS: config.slip_recovery_time}
         self._recovery_ns = {sensor: round(time * 1e9) for sensor, time in seconds.items()}
-        stray = Stray.about(config.compass_timing, config.compass_timing_factor)
-        self.start = FilterState(self._ekf.x, self._ekf.P, stray=stray)
+        sigmas = config.initial_bias_sigma, config.veer_sigma
+        least = config.least_bias_sigma, config.least_veer_sigma
+        closed = sigmas[0] <= least[0] and sigmas[1] <= least[1]
+        slip = LearntNoise.factor(config.slip_factor, TRACK_MEMORY)
+        self.start = FilterState(
+            self._ekf.x,
+            self._ekf.P,
+            told_yaw=config.initial_yaw,
+            agreement=Agreement(sigmas, least) if min(sigmas) > 0.0 and not closed else None,
+            stray=LearntNoise.stray(config.compass_timing, config.compass_timing_factor),
+            agility=LearntNoise.factor(config.rate_walk_factor, GYRO_MEMORY),
+            slip_turn=slip,
+            slip_speed=slip,
+        )
 
     def step(
         self, before: FilterState, event: FusionEvent, tape: list[Transition | Correction] | None = None
     ) -> FilterState:
         """State after `event`, which must not be older than `before`; `tape` takes down how it came about."""
         state, ekf = copy.copy(before), self._ekf
+        self._load(before)
         ekf.tape = tape
-        ekf.x, ekf.P = before.x, before.P
-        ekf.track_speed, ekf.track_stray = before.track_speed, before.track_stray
-        ekf.stray = before.stray.variance
         if isinstance(event, TracksEvent):
             state.track_voice, sample = before.track_voice.hear(event.sample, before.trail.up_at(event.t_ns))
             event = replace(event, sample=sample)
@@ -74,15 +88,24 @@ class YawFilter:
         elif isinstance(event, TracksEvent):
             self._fuse_tracks(state, event)
         elif isinstance(event, CompassEvent):
+            if before.scale_variance > 0.0:
+                ekf.widen(State.YAW, before.scale_variance)
             self._fuse_increment(state, event)
         elif isinstance(event, HeadingEvent):
             ekf.turn_frame(event.heading, event.variance)
+            state.told_yaw = float(ekf.x[State.YAW])
         else:
             slot = self._remember(state, event.t_ns, reference=True)
             if event.far:
                 state.clones = state.clones.kept(slot)
         self._settle(state)
         state.x, state.P = ekf.x, ekf.P
+        if state.hears(Sensor.COMPASS):
+            state.told_yaw = float(ekf.x[State.YAW])
+        if isinstance(event, HeadingEvent):
+            state.held_back = 0.0
+        elif state.stillness.standing and before.t_ns is not None:
+            state.held_back -= float(believed(state)[0][State.YAW] - believed(before)[0][State.YAW])
         return state
 
     def lost(self, state: FilterState, variance: float) -> FilterState:
@@ -102,20 +125,29 @@ class YawFilter:
         moved, ekf = copy.copy(state), self._ekf
         if t_ns - state.t_ns > SILENT_NS:
             moved.stillness = state.stillness.moved(t_ns)
+        self._load(state)
         ekf.tape = None
-        ekf.x, ekf.P = state.x, state.P
-        ekf.track_speed, ekf.track_stray = state.track_speed, state.track_stray
-        ekf.stray = state.stray.variance
         self._predict(moved, t_ns)
         moved.x, moved.P = ekf.x, ekf.P
         return moved
+
+    def _load(self, state: FilterState) -> None:
+        """Put a state into the EKF."""
+        ekf = self._ekf
+        ekf.x, ekf.P = state.x, state.P
+        ekf.track_speed, ekf.track_stray = state.track_speed, state.track_stray
+        ekf.stray, ekf.agility = state.stray.variance, state.agility.variance
+        ekf.slip_turn, ekf.slip_speed = state.slip_turn.variance, state.slip_speed.variance
 
     def _predict(self, state: FilterState, t_ns: int) -> None:
         """Move on to `t_ns`, ns."""
         if state.t_ns is not None and t_ns > state.t_ns:
             heard_ns = state.gates[Sensor.GYRO].accepted_ns
             watched = heard_ns is not None and t_ns - heard_ns <= WATCHED_NS and not state.gyro_vague
-            self._ekf.predict_for((t_ns - state.t_ns) * 1e-9, still=state.stillness.standing, watched=watched)
+            seconds = (t_ns - state.t_ns) * 1e-9
+            self._ekf.predict_for(seconds, still=state.stillness.standing, watched=watched)
+            if state.held_back:
+                state.held_back *= math.exp(-seconds / SETTLING)
         state.t_ns = t_ns
 
     def _watch(self, state: FilterState, event: FusionEvent) -> None:
@@ -181,14 +213,23 @@ class YawFilter:
         if vague:
             return
         state.turns = state.turns.with_gyro(sample)
-        measurement = self._ekf.gyro(sample.yaw_rate, self._gyro_sigma(state, sample) ** 2)
+        variance = self._gyro_sigma(state, sample) ** 2
+        measurement = self._ekf.gyro(sample.yaw_rate, variance, scale_told=state.hears(Sensor.COMPASS))
+        S = self._ekf.innovation_variance(measurement)
+        prior, accepted_ns = S - measurement.R, refused.accepted_ns
+        if accepted_ns is not None and measurement.innovation**2 > self._limit * S:
+            self._ekf.allow_start((event.t_ns - accepted_ns) * 1e-9)
         verdict = self._judge(state, Sensor.GYRO, measurement)
+        if not state.stillness.standing and verdict is Verdict.ACCEPTED:
+            walked = math.sqrt(max(prior, 0.0) / self._ekf.agility)
+            state.agility = state.agility.after(measurement.innovation, measurement.R, walked)
         if verdict is not Verdict.REJECTED:
             state.trail = state.trail.add(sample)
         if verdict is Verdict.RECOVERED:
             # the bias has jumped: open it until the gate is met
             excess = measurement.innovation**2 / self._limit - self._ekf.innovation_variance(measurement)
             self._ekf.widen(State.BIAS, excess)
+            state.agreement = None
             self._ekf.correct(measurement)
         elif (
             verdict is Verdict.REJECTED
@@ -219,10 +260,16 @@ class YawFilter:
             ekf.refer_tracks()
         elif seconds > 0.0 and seconds >= interval - 1e-6:
             jerk = (sample.yaw_rate - tracks.reference.yaw_rate) * self.config.track_timing
-            noise = self.config.track_noise**2 * seconds + jerk**2
+            noise = ekf.slip_speed * self.config.track_noise**2 * seconds + jerk**2
             measurement = ekf.tracks(turn, noise, modulo_turn=modulo_turn, alone=alone)
-            if self._judge(state, Sensor.TRACKS, measurement) is Verdict.RECOVERED:
-                # the ground has changed: learn the scale anew
+            fastest = max(sample.yaw_rate, turn / seconds, key=abs)
+            learnt = ekf.learnt_slip((state.slip_turn, state.slip_speed), measurement, fastest, seconds)
+            verdict = self._judge(state, Sensor.TRACKS, measurement)
+            if not alone and verdict is Verdict.ACCEPTED:
+                state.slip_turn, state.slip_speed = learnt
+            elif verdict is Verdict.RECOVERED:
+                # the ground has changed: learn the scale anew, and how the tracks slip on it
+                state.slip_turn, state.slip_speed = self.start.slip_turn, self.start.slip_speed
                 ekf.renew(State.SCALE, self.config.initial_scale_sigma**2, self.config.initial_scale)
             state.tracks = TrackClaim(sample, sample, 0.0)
             ekf.refer_tracks()

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from fusion.agreement import Agreement
 from fusion.checks.isolation import Isolation
 from fusion.checks.refusal import Refusal
 from fusion.checks.turns import Turns
@@ -16,9 +17,9 @@ from fusion.events import Sensor
 from fusion.exposure import Exposure, GyroTrail
 from fusion.gating import Gate
 from fusion.lean import BiasGain
+from fusion.noise import LearntNoise
 from fusion.samples import YawEstimate
 from fusion.standstill import Stillness
-from fusion.stray import Stray
 from fusion.tracks import TrackClaim, TrackVoice
 
 HIDDEN_RATE = 1e-3  # rad/s; a start shows only after some hundredths of a second, at about 0.01 rad/s
@@ -65,8 +66,18 @@ class FilterState:
         What the gyro said lately.
     bias_gain : BiasGain
         How the robot leans, as far as it matters to the gyro's bias.
-    stray : Stray
-        How far images stray from their stamps.
+    told_yaw : float
+        The yaw when a compass last told it, or who set it, rad: since then the gyro's scale counts.
+    held_back : float
+        By how much the published yaw is ahead of what is believed, rad: standing, the robot finds out how far wrong it
+        has turned for minutes, but its yaw does not jump.
+    agreement : Agreement or None
+        What is known beforehand of the gyro's bias and the tracks' veer; None once a bias has jumped.
+    stray : LearntNoise
+        How far images stray from their stamps, s.
+    agility, slip_turn, slip_speed : LearntNoise
+        How much less or more than configured the turn rate changes while a gyro watches, and the tracks slip by turning
+        and by driving: factors.
     """
 
     x: Array
@@ -88,7 +99,21 @@ class FilterState:
     warnings: tuple[Warning, ...] = ()
     trail: GyroTrail = field(default_factory=GyroTrail)
     bias_gain: BiasGain = field(default_factory=BiasGain)
-    stray: Stray = field(default_factory=lambda: Stray(0.0))
+    told_yaw: float = 0.0
+    held_back: float = 0.0
+    agreement: Agreement | None = None
+    stray: LearntNoise = field(default_factory=lambda: LearntNoise(0.0))
+    agility: LearntNoise = field(default_factory=lambda: LearntNoise(1.0))
+    slip_turn: LearntNoise = field(default_factory=lambda: LearntNoise(1.0))
+    slip_speed: LearntNoise = field(default_factory=lambda: LearntNoise(1.0))
+
+    @property
+    def scale_variance(self) -> float:
+        """Variance (rad^2) that the gyro's scale gives to the turn since a compass, or anybody, last told the yaw."""
+        if self.gates[Sensor.GYRO].accepted_ns is None or self.hears(Sensor.COMPASS):
+            return 0.0
+        turn = float(self.x[State.YAW]) - self.told_yaw
+        return float(self.P[State.GYRO_SCALE, State.GYRO_SCALE]) * turn**2
 
     def hears(self, sensor: Sensor) -> bool:
         """Whether a sensor has measured the turning lately."""
@@ -103,19 +128,28 @@ def exposure_of(state: FilterState, ekf: YawEkf) -> Exposure:
     return ekf.exposure(state.t_ns or 0, state.trail if state.trail.t_ns and state.hears(Sensor.GYRO) else None)
 
 
+def believed(state: FilterState) -> tuple[Array, Array]:
+    """State and covariance with what gyro and tracks say by agreeing."""
+    if state.agreement is None or state.gates[Sensor.TRACKS].accepted_ns is None:
+        return state.x, state.P
+    return state.agreement.mixed(state.x, state.P, (State.BIAS, State.VEER))
+
+
 def estimate_of(state: FilterState) -> YawEstimate | None:
     """What a state says; None before the first event."""
     if state.t_ns is None:
         return None
-    x, P, standing = state.x, state.P, state.stillness.standing
+    standing, (x, P) = state.stillness.standing, believed(state)
     rate, seen = float(x[State.RATE]), np.zeros(len(x))
     seen[State.YAW] = 1.0
     if state.hears(Sensor.COMPASS) and not state.hears(Sensor.GYRO):
         seen[State.CAMERA_DELAY] = rate  # taken for known, as nobody else says when the robot turned
     return YawEstimate(
         t_ns=state.t_ns,
-        yaw=float(x[State.YAW]),
+        yaw=float(x[State.YAW]) + state.held_back,
         yaw_variance=float(seen @ P @ seen)
+        + state.held_back**2
+        + state.scale_variance
         + state.isolation.variance
         + (state.refusal.variance if state.refusal else 0.0),
         yaw_rate=rate,

@@ -21,6 +21,7 @@ from fusion.filter import YawFilter
 from fusion.filter_state import FilterState, estimate_of
 from fusion.samples import YawEstimate
 
+LINEAR = 1e-4  # of a variance; what the filter's second-order terms leave of it is not known better
 SEGMENT = 1000  # events whose matrices are kept at a time; their states are filtered twice
 
 
@@ -48,7 +49,9 @@ class Adjoint:
     def smoothed(self, state: FilterState) -> FilterState:
         """A state of the filter with what comes after it taken in."""
         P = state.P
-        return replace(state, x=state.x - P @ self.l, P=P - P @ self.L @ P)
+        smoothed = P - P @ self.L @ P
+        np.fill_diagonal(smoothed, np.maximum(np.diagonal(smoothed), LINEAR * np.diagonal(P)))
+        return replace(state, x=state.x - P @ self.l, P=smoothed, held_back=0.0)
 
 
 def ordered_events(samples: Iterable[Sample], config: FusionConfig) -> list[FusionEvent]:

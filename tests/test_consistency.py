@@ -16,13 +16,13 @@ from compass import YawIncrement
 from fusion import FusionConfig, Sensor, YawFusion
 from fusion.events import event_of, reference_of
 from fusion.filter import YawFilter
-from fusion.stray import SIGMAS, Stray
+from fusion.noise import STRAYS, LearntNoise
 
 DRIVES = 100
 STARTS = [math.radians(d) for d in (0.0, 60.0, 180.0, -120.0)] + [math.pi - 1e-6, 1e-6 - math.pi]
 
 
-def modelled(seed, **fields):
+def modelled(seed, *, rate_walk_factor=1.0, slip_factor=1.0, **fields):
     """Of a filter that a drawn drive obeys, and whose gate is open: a gated innovation is a truncated one."""
     return FusionConfig(
         gate_probability=1.0 - 1e-12,
@@ -33,6 +33,9 @@ def modelled(seed, **fields):
         compass_error=5e-4,  # of the drawn increments' 0.5e-3 to 2e-3 rad
         initial_yaw=STARTS[seed % len(STARTS)],
         watched_rate_walk=FusionConfig().rate_walk,  # the drawn robot moves alike whether a gyro watches or not
+        rate_walk_factor=rate_walk_factor,
+        slip_factor=slip_factor,
+        gyro_scale_sigma=0.0,  # without a compass its part is in the estimate's variance, not in the state's
         **fields,
     )
 
@@ -85,10 +88,10 @@ def test_nees_and_nis_over_drives_lie_in_their_bounds(sensors, odometry):
 def test_nees_lies_in_its_bounds_while_it_is_learnt_how_far_stamps_stray(sensors):
     """They stray by another amount in each drive, drawn from what is expected beforehand."""
     default = FusionConfig()
-    prior = np.exp(Stray.about(default.compass_timing, default.compass_timing_factor).prior)
+    prior = np.exp(LearntNoise.stray(default.compass_timing, default.compass_timing_factor).prior)
     nees = []
     for seed in range(DRIVES):
-        stray = float(np.random.default_rng(DRIVES + seed).choice(SIGMAS, p=prior / prior.sum()))
+        stray = float(np.random.default_rng(DRIVES + seed).choice(STRAYS, p=prior / prior.sum()))
         drawn = modelled(seed, compass_timing=stray)
         drive = drawn_drive(seed, sensors, 6.0, drawn, gyro_hz=25, track_hz=10, compass_hz=5)
         nees.append(run(drive, modelled(seed))[0])

@@ -9,7 +9,7 @@ from compass import YawIncrement, wrap_angle
 from fusion import FusionConfig, GyroSample, OdometrySample, Sensor, YawFusion
 from fusion.ekf import DIM, State, YawEkf
 from fusion.exposure import LONGEST_NS, GyroTrail
-from fusion.stray import SIGMAS, Stray
+from fusion.noise import STRAYS, LearntNoise
 
 SECOND = 10**9
 
@@ -112,7 +112,8 @@ def test_delay_of_the_camera_is_found_and_does_no_harm(delay_s):
                 error = estimate.yaw - float(np.interp(sample.t_ns * 1e-9, t, yaw))
                 normalised.append(error**2 / estimate.yaw_variance)
                 if 3 * SECOND < sample.t_ns < 3.1 * SECOND:  # a second after the robot began to move
-                    assert abs(estimate.camera_delay - delay_s) < 3.0 * sigma < 0.005
+                    # a gyro's scale that is off by 1 % makes of the 0.55 s * rate turned by then what 6 ms would
+                    assert abs(estimate.camera_delay - delay_s) < 3.0 * sigma < 0.01
         assert abs(estimate.camera_delay - delay_s) < 4.0 * sigma < 0.004
         assert fusion.reports()[Sensor.COMPASS].rejected <= 3
     assert np.mean(normalised) < 1.0
@@ -185,27 +186,27 @@ def test_stray_of_the_stamps_is_found_and_the_sigma_knows_of_it(stray_s):
                 error = estimate.yaw - float(np.interp(sample.t_ns * 1e-9, t, yaw))
                 normalised.append(error**2 / estimate.yaw_variance)
         found = math.sqrt(fusion.state.stray.variance)
-        assert found == pytest.approx(max(stray_s, SIGMAS[0]), rel=0.5)
+        assert found == pytest.approx(max(stray_s, STRAYS[0]), rel=0.5)
         assert fusion.reports()[Sensor.COMPASS].rejected <= 6
         assert abs(error) < math.radians(0.3)
     assert np.mean(normalised) < 2.5
 
 
 def test_stray_known_exactly_is_not_learnt():
-    for stray in (Stray.about(0.004, 1.0), Stray.about(0.0, 2.0)):
+    for stray in (LearntNoise.stray(0.004, 1.0), LearntNoise.stray(0.0, 2.0)):
         assert stray.after(1.0, 1e-8, 1.0) is stray
         assert stray.variance == stray.known**2
 
 
 def test_stray_is_not_learnt_while_the_robot_hardly_turns():
-    stray = Stray.about(0.005, 2.0)
+    stray = LearntNoise.stray(0.005, 2.0)
     assert stray.after(1e-3, 1e-6, 0.01) is stray
 
 
 @pytest.mark.parametrize("true_s", [0.001, 0.02])
 def test_stray_follows_the_innovations_whatever_was_known_beforehand(true_s):
     rng = np.random.default_rng(2)
-    stray = Stray.about(0.005, 2.0)
+    stray = LearntNoise.stray(0.005, 2.0)
     for _ in range(200):
         stray = stray.after(float(np.hypot(true_s * 0.5, 1e-4) * rng.normal()), 1e-8, 0.5)
     assert math.sqrt(stray.variance) == pytest.approx(true_s, rel=0.25)

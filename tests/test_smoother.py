@@ -13,7 +13,10 @@ from fusion import FusionConfig, GyroSample, YawFusion
 from fusion.ekf import LASTING
 from fusion.smoother import smooth
 
+# normal priors, as drawn
+PRIORS = {"least_bias_sigma": 0.005, "least_veer_sigma": 0.015, "rate_walk_factor": 1.0, "slip_factor": 1.0}
 LINEAR = FusionConfig(
+    **PRIORS,
     gyro_scale_sigma=0.0,
     gate_probability=1.0 - 1e-12,
     watched_rate_walk=1.0,
@@ -90,7 +93,7 @@ def errors(drive, estimates):
 @pytest.mark.parametrize("sensors", [s for s in SUBSETS if "compass" in s or len(s) > 1], ids="+".join)
 def test_smoothed_error_is_below_the_filters(sensors):
     filtered, smoothed, normalised = [], [], []
-    config = FusionConfig(rate_walk=0.5, camera_delay_sigma=0.005, compass_error=5e-4)
+    config = FusionConfig(rate_walk=0.5, camera_delay_sigma=0.005, compass_error=5e-4, gyro_scale_sigma=0.001, **PRIORS)
     for seed in range(24):
         drive = drawn_drive(seed, sensors, 8.0, config)
         fusion, estimates = YawFusion(config), []

@@ -19,6 +19,8 @@ from fusion.exposure import GyroTrail
 from fusion.filter_state import FilterState, exposure_of
 from fusion.gating import Verdict
 
+JUMPED_BIAS = 0.01  # rad/s; one that has jumped is no longer as its driver had calibrated it
+
 
 class Comparison:
     """Compares what the sensors say of the same turn, and repairs the state of a filter where they contradict.
@@ -70,7 +72,9 @@ class Comparison:
         """Do what has to be done after a window; whether the yaw was moved."""
         ekf, config = self._ekf, self._config
         if remedy.bias is not None:
-            ekf.renew(State.BIAS, min(remedy.bias_sigma, config.initial_bias_sigma) ** 2, remedy.bias)
+            ekf.renew(State.BIAS, min(remedy.bias_sigma, JUMPED_BIAS) ** 2, remedy.bias)
+            ekf.renew(State.GYRO_SCALE, config.gyro_scale_sigma**2)  # it was learnt with that bias
+            state.agreement = None
         if remedy.rate is not None:
             ekf.renew(State.RATE, config.initial_rate_sigma**2, remedy.rate)
             ekf.renew(State.ACCELERATION, config.rate_walk**2 / (2.0 * config.rate_ramp))
@@ -153,7 +157,8 @@ class Comparison:
         else:
             ekf.widen_frame(DOUBT[Sensor.COMPASS] * off**2)
         ekf.anchor(since, measurement)
-        ekf.widen(State.BIAS, config.initial_bias_sigma**2)
+        ekf.widen(State.BIAS, JUMPED_BIAS**2)
+        state.agreement = None
         ekf.widen(State.CAMERA_DELAY, config.camera_delay_sigma**2)
 
     def _doubt_gyro(self, state: FilterState, since_ns: int, offset: float) -> None:

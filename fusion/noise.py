@@ -1,0 +1,72 @@
+"""Standard deviations of noises that no constant fits, learnt from innovations while driving.
+
+Good wheels and slipping tracks differ tenfold, so do the turn rates of a wheelbarrow and of a racer, and the stamps of
+a camera triggered by hardware and of one behind a web server.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+STRAYS = tuple(1e-4 * 10.0 ** (k / 4.0) for k in range(12))  # s, 0.1 to 56 ms, by which stamps of images may stray
+STRAY_MEMORY = 300  # images while turning
+STRAY_TAIL = 10.0  # degrees of freedom of their innovations, which have other reasons, too
+FACTORS = tuple(2.0 ** (k / 2.0) for k in range(-8, 5))  # 1/16 to 4, on what is configured
+FACTOR_TAIL = 30.0  # slips and starts are rare and large
+
+
+@dataclass(frozen=True, slots=True)
+class LearntNoise:
+    """What is known of a standard deviation: `known` if nothing else is, else log-weights of the `values` it may have.
+
+    `prior` are those known beforehand, to which the others return within `memory` innovations. These are taken to be of
+    Student's distribution with `tail` degrees of freedom.
+    """
+
+    known: float
+    values: tuple[float, ...] = ()
+    weights: tuple[float, ...] = ()
+    prior: tuple[float, ...] = ()
+    memory: float = 1.0
+    tail: float = 1.0
+
+    @staticmethod
+    def about(sigma: float, factor: float, values: Sequence[float], memory: float, tail: float) -> LearntNoise:
+        """Known to be `sigma` but for a factor, as a standard deviation; 1: exactly."""
+        if sigma == 0.0 or factor == 1.0:
+            return LearntNoise(sigma)
+        prior = tuple(-0.5 * (math.log(one / sigma) / math.log(factor)) ** 2 for one in values)
+        return LearntNoise(sigma, tuple(values), prior, prior, memory, tail)
+
+    @staticmethod
+    def stray(sigma: float, factor: float) -> LearntNoise:
+        """By how much the stamps of images stray, s."""
+        return LearntNoise.about(sigma, factor, STRAYS, STRAY_MEMORY, STRAY_TAIL)
+
+    @staticmethod
+    def factor(factor: float, memory: float) -> LearntNoise:
+        """A factor on what is configured, which is one but for this `factor`, as a standard deviation."""
+        return LearntNoise.about(1.0, factor, FACTORS, memory, FACTOR_TAIL)
+
+    @property
+    def variance(self) -> float:
+        """Mean of the squared deviation."""
+        if not self.weights:
+            return self.known**2
+        top = max(self.weights)
+        shares = [math.exp(weight - top) for weight in self.weights]
+        return float(sum(share * sigma**2 for share, sigma in zip(shares, self.values, strict=True)) / sum(shares))
+
+    def after(self, innovation: float, others: float, gain: float) -> LearntNoise:
+        """After an innovation in which it shows `gain` times; `others` is the variance for all other reasons."""
+        if not self.weights or (self.values[-1] * gain) ** 2 < others:
+            return self  # it tells nothing
+        keep, weights = 1.0 - 1.0 / self.memory, []
+        for weight, prior, sigma in zip(self.weights, self.prior, self.values, strict=True):
+            S = others + (sigma * gain) ** 2
+            likelihood = -0.5 * math.log(S) - 0.5 * (self.tail + 1.0) * math.log1p(innovation**2 / (self.tail * S))
+            weights.append(keep * weight + (1.0 - keep) * prior + likelihood)
+        top = max(weights)
+        return replace(self, weights=tuple(weight - top for weight in weights))
