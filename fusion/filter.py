@@ -83,7 +83,27 @@ class YawFilter:
                 state.clones = state.clones.kept(slot)
         self._settle(state)
         state.x, state.P = ekf.x, ekf.P
+        self._confirm(state, event)
         return state
+
+    def _confirm(self, state: FilterState, event: FusionEvent) -> None:
+        """Note whether two sensors agree on the yaw, or who has spoken since they did."""
+        gate, unconfirmed, agreed = state.gates[Sensor.COMPASS], state.unconfirmed, isinstance(event, HeadingEvent)
+        refused = gate.rejecting_since_ns is not None
+        if isinstance(event, CompassEvent) and gate.accepted_ns == event.t_ns and gate.report:
+            off, variance = gate.report.innovation, event.sample.variance
+            agreed = unconfirmed is None or unconfirmed.confirmed_by(off, variance, state.belief)
+        elif state.turns.start_ns == event.t_ns:  # a window is over
+            agreed = not refused or state.isolation.contradicted
+        if agreed and (unconfirmed is not None or sum(map(state.hears, Sensor)) > 1):
+            unconfirmed = state.confirmed(self.config.initial_rate_sigma)
+        elif unconfirmed is not None and isinstance(event, TracksEvent):
+            unconfirmed = unconfirmed.with_tracks(event.sample)
+        if unconfirmed is not None and isinstance(event, CompassEvent):
+            unconfirmed = unconfirmed.with_image(event.t_ns)
+        if unconfirmed is not None and state.is_blind(refused=refused):
+            unconfirmed = unconfirmed.blind(event.t_ns)
+        state.unconfirmed = unconfirmed
 
     def lost(self, state: FilterState, variance: float) -> FilterState:
         """A start from the yaw of a state, to which `variance`, rad^2, is added: it may have turned unseen."""

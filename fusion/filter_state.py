@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+import math
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from fusion.checks.isolation import Isolation
 from fusion.checks.refusal import Refusal
-from fusion.checks.turns import Turns
+from fusion.checks.turns import SAME_NUMBER, Turns
+from fusion.checks.unconfirmed import Belief, TracksSince, Unconfirmed
 from fusion.checks.warnings import Warning
 from fusion.clones import Clones
 from fusion.ekf import Array, State, YawEkf
@@ -59,6 +61,8 @@ class FilterState:
         Since when the gyro has spoken without a pause.
     refusal : Refusal or None
         Increments that the gate refuses at present.
+    unconfirmed : Unconfirmed or None
+        Since when only one sensor tells the turn; None before two have agreed.
     warnings : tuple of Warning
         What is wrong.
     trail : GyroTrail
@@ -85,10 +89,44 @@ class FilterState:
     gyro_vague: bool = False
     gyro_since_ns: int | None = None
     refusal: Refusal | None = None
+    unconfirmed: Unconfirmed | None = None
     warnings: tuple[Warning, ...] = ()
     trail: GyroTrail = field(default_factory=GyroTrail)
     bias_gain: BiasGain = field(default_factory=BiasGain)
     stray: Stray = field(default_factory=lambda: Stray(0.0))
+
+    @property
+    def belief(self) -> Belief:
+        """Of yaw, turn rate and tracks."""
+        x, scale_sigma = self.x, math.sqrt(max(float(self.P[State.SCALE, State.SCALE]), 0.0))
+        return Belief(self.t_ns or 0, float(x[State.YAW]), float(x[State.RATE]), float(x[State.SCALE]), scale_sigma)
+
+    def confirmed(self, rate_sigma: float) -> Unconfirmed:
+        """Two sensors agree; `rate_sigma`: of a turn rate that nobody measures, rad/s."""
+        slipping = self.gates[Sensor.TRACKS].rejecting_since_ns is not None and not self.isolation.contradicted
+        witness = self.believes(Sensor.GYRO) and self.believes(Sensor.TRACKS) and not slipping
+        t_ns = self.t_ns or 0
+        claims = TracksSince.begin(self.tracks.last, t_ns) if witness and self.tracks else None
+        if self.unconfirmed is None:
+            return Unconfirmed(self.belief, rate_sigma, claims)
+        return replace(self.unconfirmed, since=self.belief, tracks=claims, blind_ns=None)
+
+    def is_blind(self, *, refused: bool) -> bool:
+        """Whether no gyro and no compass can be believed to measure the turn rate; `refused`: the last image was.
+
+        A robot only seems to stand where nobody is left that would see it start at once.
+        """
+        gyro, standing = self.turns.gyro, self.stillness.standing
+        if self.believes(Sensor.GYRO):
+            return refused or (gyro is not None and gyro.repeats >= SAME_NUMBER and not standing)
+        return refused or (standing and not self.believes(Sensor.TRACKS))
+
+    def believes(self, sensor: Sensor) -> bool:
+        """Whether a gyro or tracks speak and are not excluded."""
+        turn = self.turns.gyro if sensor is Sensor.GYRO else self.turns.tracks
+        spoke = sensor is Sensor.GYRO or self.track_voice.pose or self.track_voice.twist
+        lately = turn is not None and (self.t_ns or 0) - turn.t_ns <= SILENT_NS
+        return lately and spoke and not self.isolation.excludes(sensor)
 
     def hears(self, sensor: Sensor) -> bool:
         """Whether a sensor has measured the turning lately."""
@@ -116,7 +154,8 @@ def estimate_of(state: FilterState) -> YawEstimate | None:
         t_ns=state.t_ns,
         yaw=float(x[State.YAW]),
         yaw_variance=float(seen @ P @ seen)
-        + state.isolation.variance
+        + state.isolation.variance(state.t_ns)
+        + (state.unconfirmed.variance(state.belief) if state.unconfirmed else 0.0)
         + (state.refusal.variance if state.refusal else 0.0),
         yaw_rate=rate,
         yaw_rate_variance=float(P[State.RATE, State.RATE]) + (HIDDEN_RATE**2 if standing else 0.0),

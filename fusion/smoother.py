@@ -48,7 +48,7 @@ class Adjoint:
     def smoothed(self, state: FilterState) -> FilterState:
         """A state of the filter with what comes after it taken in."""
         P = state.P
-        return replace(state, x=state.x - P @ self.l, P=P - P @ self.L @ P)
+        return replace(state, x=state.x - P @ self.l, P=P - P @ self.L @ P, unconfirmed=None)
 
 
 def ordered_events(samples: Iterable[Sample], config: FusionConfig) -> list[FusionEvent]:
