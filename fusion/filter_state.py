@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from fusion.checks.isolation import Isolation
+from fusion.checks.isolation import DOUBT, Isolation
 from fusion.checks.refusal import Refusal
 from fusion.checks.turns import SAME_NUMBER, Turns
 from fusion.checks.unconfirmed import Belief, TracksSince, Unconfirmed
@@ -121,6 +121,16 @@ class FilterState:
             return refused or (gyro is not None and gyro.repeats >= SAME_NUMBER and not standing)
         return refused or (standing and not self.believes(Sensor.TRACKS))
 
+    @property
+    def against_tracks(self) -> float:
+        """Variance, rad^2, for what tracks say that no gyro contradicts, while images are followed instead."""
+        tracks, scale, t_ns = self.turns.tracks, float(self.x[State.SCALE]), self.t_ns or 0
+        if tracks is None or self.believes(Sensor.GYRO) or not self.believes(Sensor.TRACKS):
+            return 0.0
+        beyond = float(self.x[State.YAW]) - self.turns.start.yaw - tracks.turn_until(t_ns) / scale
+        known = self.turns.start.scale_sigma / scale * tracks.turn_until(t_ns) / scale
+        return DOUBT[Sensor.COMPASS] * max(beyond**2 - known**2, 0.0)
+
     def believes(self, sensor: Sensor) -> bool:
         """Whether a gyro or tracks speak and are not excluded."""
         turn = self.turns.gyro if sensor is Sensor.GYRO else self.turns.tracks
@@ -155,7 +165,7 @@ def estimate_of(state: FilterState) -> YawEstimate | None:
         yaw=float(x[State.YAW]),
         yaw_variance=float(seen @ P @ seen)
         + state.isolation.variance(state.t_ns)
-        + (state.unconfirmed.variance(state.belief) if state.unconfirmed else 0.0)
+        + (state.unconfirmed.variance(state.belief) + state.against_tracks if state.unconfirmed else 0.0)
         + (state.refusal.variance if state.refusal else 0.0),
         yaw_rate=rate,
         yaw_rate_variance=float(P[State.RATE, State.RATE]) + (HIDDEN_RATE**2 if standing else 0.0),

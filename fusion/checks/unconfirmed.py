@@ -15,10 +15,12 @@ gyro that repeats one number.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 from compass import wrap_angle
 from fusion.checks.isolation import CLEAR, DOUBT
+from fusion.checks.turns import Window
 from fusion.events import Sensor
 from fusion.samples import OdometrySample
 
@@ -129,6 +131,14 @@ class Unconfirmed:
         """
         known = now.t_ns - self.since.t_ns <= LONGEST_NS
         return not known or innovation**2 <= CLEAR**2 * variance + (ALIKE * (now.yaw - self.since.yaw)) ** 2
+
+    def agrees(self, now: Belief, window: Window) -> bool:
+        """Whether the tracks say the same since then, within their noise as it was in a window."""
+        if self.tracks is None or window.tracks is None:
+            return True
+        windows = (now.t_ns - self.since.t_ns) * 1e-9 / window.seconds
+        beyond = now.yaw - self.since.yaw - self.tracks.turn_until(now.t_ns) / now.scale
+        return abs(beyond) <= window.tracks.sigma * math.sqrt(windows)
 
     def blind(self, t_ns: int) -> Unconfirmed:
         """From a time on, ns, at which it shows that nobody can be believed to measure the turn rate."""
