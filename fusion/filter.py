@@ -95,9 +95,8 @@ class YawFilter:
             agreed = unconfirmed is None or unconfirmed.confirmed_by(off, variance, state.belief)
         elif state.turns.start_ns == event.t_ns:  # a window is over
             agreed = not refused or state.isolation.contradicted
-            window = state.isolation.last
-            if unconfirmed and window and not state.hears(Sensor.COMPASS):
-                agreed = unconfirmed.agrees(state.belief, window)
+            if unconfirmed and not state.hears(Sensor.COMPASS):
+                agreed = unconfirmed.agrees(state.belief, state.isolation.last)
         if agreed and (unconfirmed is not None or sum(map(state.hears, Sensor)) > 1):
             unconfirmed = state.confirmed(self.config.initial_rate_sigma)
         elif unconfirmed is not None and isinstance(event, TracksEvent):

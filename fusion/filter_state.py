@@ -103,7 +103,8 @@ class FilterState:
 
     def confirmed(self, rate_sigma: float) -> Unconfirmed:
         """Two sensors agree; `rate_sigma`: of a turn rate that nobody measures, rad/s."""
-        slipping = self.gates[Sensor.TRACKS].rejecting_since_ns is not None and not self.isolation.contradicted
+        slipping = self.gates[Sensor.TRACKS].rejecting_since_ns is not None and self.hears(Sensor.COMPASS)
+        slipping = slipping and not self.isolation.contradicted
         witness = self.believes(Sensor.GYRO) and self.believes(Sensor.TRACKS) and not slipping
         t_ns = self.t_ns or 0
         claims = TracksSince.begin(self.tracks.last, t_ns) if witness and self.tracks else None

@@ -28,6 +28,7 @@ LONGEST_NS = 1_000_000_000  # between two images of a slow camera
 PERIODS = 3  # of the images; after as many it has stopped, and the other sensor is alone, not unconfirmed
 ALIKE = 0.2  # of a turn; by less two that tell it need not differ to agree
 ALIKE_TURN = 1e-3  # rad, nor by less than the steps of an encoder
+WELL_WITHIN = 0.5  # standard deviations; what is forgotten at each agreement adds up
 TRACKS_SILENT_NS = 200_000_000
 # Of the news, squared, where nobody else speaks: a sign reversed is twice as wrong, and stays within three sigmas.
 REVERSED = (2.0 / 3.0) ** 2
@@ -132,13 +133,15 @@ class Unconfirmed:
         known = now.t_ns - self.since.t_ns <= LONGEST_NS
         return not known or innovation**2 <= CLEAR**2 * variance + (ALIKE * (now.yaw - self.since.yaw)) ** 2
 
-    def agrees(self, now: Belief, window: Window) -> bool:
-        """Whether the tracks say the same since then, within their noise as it was in a window."""
-        if self.tracks is None or window.tracks is None:
+    def agrees(self, now: Belief, window: Window | None) -> bool:
+        """Whether the tracks say the same since then, well within their noise as it was in a window."""
+        if self.tracks is None:
             return True
+        if window is None or window.tracks is None:
+            return False
         windows = (now.t_ns - self.since.t_ns) * 1e-9 / window.seconds
         beyond = now.yaw - self.since.yaw - self.tracks.turn_until(now.t_ns) / now.scale
-        return abs(beyond) <= window.tracks.sigma * math.sqrt(windows)
+        return abs(beyond) <= WELL_WITHIN * window.tracks.sigma * math.sqrt(windows)
 
     def blind(self, t_ns: int) -> Unconfirmed:
         """From a time on, ns, at which it shows that nobody can be believed to measure the turn rate."""
