@@ -14,6 +14,7 @@ from operator import attrgetter
 
 import numpy as np
 
+from fusion.checks.unconfirmed import LONGEST_NS
 from fusion.config import FusionConfig
 from fusion.ekf import DIM, Array, Correction, Transition
 from fusion.events import CompassEvent, FusionEvent, Sample, event_of, fault_of, needs_reference, reference_of
@@ -46,9 +47,11 @@ class Adjoint:
         return Adjoint(A.T @ self.l - told * step.innovation, A.T @ self.L @ A + np.outer(H, told))
 
     def smoothed(self, state: FilterState) -> FilterState:
-        """A state of the filter with what comes after it taken in."""
-        P = state.P
-        return replace(state, x=state.x - P @ self.l, P=P - P @ self.L @ P, unconfirmed=None)
+        """A state of the filter with what comes after it taken in: the next image confirms what one sensor claimed."""
+        P, since = state.P, state.unconfirmed
+        if since is not None and self.L.any() and (state.t_ns or 0) - since.since.t_ns <= LONGEST_NS:
+            since = None
+        return replace(state, x=state.x - P @ self.l, P=P - P @ self.L @ P, unconfirmed=since)
 
 
 def ordered_events(samples: Iterable[Sample], config: FusionConfig) -> list[FusionEvent]:
