@@ -4,7 +4,8 @@ While a robot keeps to one speed, a gyro's bias and tracks that veer cannot be t
 are normal, allows for errors of any size that happen to cancel. But whether this gyro and these tracks are good or bad
 ones of their kind is not known beforehand: each prior's standard deviation may be any from the configured one down to
 that of a calibrated one. Errors that cancel are then a coincidence, and agreement tells that both are small (a scale
-mixture of normals: West 1987, doi:10.1093/biomet/74.3.646). Where a measurement tells the two apart this changes nothing.
+mixture of normals: West 1987, doi:10.1093/biomet/74.3.646). Where a measurement tells the two apart this
+changes nothing.
 """
 
 from __future__ import annotations

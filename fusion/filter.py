@@ -106,7 +106,29 @@ class YawFilter:
             state.held_back = 0.0
         elif state.stillness.standing and before.t_ns is not None:
             state.held_back -= float(believed(state)[0][State.YAW] - believed(before)[0][State.YAW])
+        self._confirm(state, event)
         return state
+
+    def _confirm(self, state: FilterState, event: FusionEvent) -> None:
+        """Note whether two sensors agree on the yaw, or who has spoken since they did."""
+        gate, unconfirmed, agreed = state.gates[Sensor.COMPASS], state.unconfirmed, isinstance(event, HeadingEvent)
+        refused = gate.rejecting_since_ns is not None
+        if isinstance(event, CompassEvent) and gate.accepted_ns == event.t_ns and gate.report:
+            off, variance = gate.report.innovation, event.sample.variance
+            agreed = unconfirmed is None or unconfirmed.confirmed_by(off, variance, state.belief)
+        elif state.turns.start_ns == event.t_ns:  # a window is over
+            agreed = not refused or state.isolation.contradicted
+            if unconfirmed and not state.hears(Sensor.COMPASS):
+                agreed = unconfirmed.agrees(state.belief, state.isolation.last)
+        if agreed and (unconfirmed is not None or sum(map(state.hears, Sensor)) > 1):
+            unconfirmed = state.confirmed(self.config.initial_rate_sigma)
+        elif unconfirmed is not None and isinstance(event, TracksEvent):
+            unconfirmed = unconfirmed.with_tracks(event.sample)
+        if unconfirmed is not None and isinstance(event, CompassEvent):
+            unconfirmed = unconfirmed.with_image(event.t_ns)
+        if unconfirmed is not None and state.is_blind(refused=refused):
+            unconfirmed = unconfirmed.blind(event.t_ns)
+        state.unconfirmed = unconfirmed
 
     def lost(self, state: FilterState, variance: float) -> FilterState:
         """A start from the yaw of a state, to which `variance`, rad^2, is added: it may have turned unseen."""

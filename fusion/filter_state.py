@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+import math
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from fusion.agreement import Agreement
-from fusion.checks.isolation import Isolation
+from fusion.checks.isolation import DOUBT, Isolation
 from fusion.checks.refusal import Refusal
-from fusion.checks.turns import Turns
+from fusion.checks.turns import SAME_NUMBER, Turns
+from fusion.checks.unconfirmed import Belief, TracksSince, Unconfirmed
 from fusion.checks.warnings import Warning
 from fusion.clones import Clones
 from fusion.ekf import Array, State, YawEkf
@@ -60,6 +62,8 @@ class FilterState:
         Since when the gyro has spoken without a pause.
     refusal : Refusal or None
         Increments that the gate refuses at present.
+    unconfirmed : Unconfirmed or None
+        Since when only one sensor tells the turn; None before two have agreed.
     warnings : tuple of Warning
         What is wrong.
     trail : GyroTrail
@@ -96,6 +100,7 @@ class FilterState:
     gyro_vague: bool = False
     gyro_since_ns: int | None = None
     refusal: Refusal | None = None
+    unconfirmed: Unconfirmed | None = None
     warnings: tuple[Warning, ...] = ()
     trail: GyroTrail = field(default_factory=GyroTrail)
     bias_gain: BiasGain = field(default_factory=BiasGain)
@@ -114,6 +119,51 @@ class FilterState:
             return 0.0
         turn = float(self.x[State.YAW]) - self.told_yaw
         return float(self.P[State.GYRO_SCALE, State.GYRO_SCALE]) * turn**2
+
+    @property
+    def belief(self) -> Belief:
+        """Of yaw, turn rate and tracks."""
+        x = self.x if self.hears(Sensor.COMPASS) else believed(self)[0]
+        scale_sigma = math.sqrt(max(float(self.P[State.SCALE, State.SCALE]), 0.0))
+        return Belief(self.t_ns or 0, float(x[State.YAW]), float(x[State.RATE]), float(x[State.SCALE]), scale_sigma)
+
+    def confirmed(self, rate_sigma: float) -> Unconfirmed:
+        """Two sensors agree; `rate_sigma`: of a turn rate that nobody measures, rad/s."""
+        slipping = self.gates[Sensor.TRACKS].rejecting_since_ns is not None and self.hears(Sensor.COMPASS)
+        slipping = slipping and not self.isolation.contradicted
+        witness = self.believes(Sensor.GYRO) and self.believes(Sensor.TRACKS) and not slipping
+        t_ns = self.t_ns or 0
+        claims = TracksSince.begin(self.tracks.last, t_ns) if witness and self.tracks else None
+        if self.unconfirmed is None:
+            return Unconfirmed(self.belief, rate_sigma, claims)
+        return replace(self.unconfirmed, since=self.belief, tracks=claims, blind_ns=None)
+
+    def is_blind(self, *, refused: bool) -> bool:
+        """Whether no gyro and no compass can be believed to measure the turn rate; `refused`: the last image was.
+
+        A robot only seems to stand where nobody is left that would see it start at once.
+        """
+        gyro, standing = self.turns.gyro, self.stillness.standing
+        if self.believes(Sensor.GYRO):
+            return refused or (gyro is not None and gyro.repeats >= SAME_NUMBER and not standing)
+        return refused or (standing and not self.believes(Sensor.TRACKS))
+
+    @property
+    def against_tracks(self) -> float:
+        """Variance, rad^2, for what tracks say that no gyro contradicts, while images are followed instead."""
+        tracks, scale, t_ns = self.turns.tracks, float(self.x[State.SCALE]), self.t_ns or 0
+        if tracks is None or self.believes(Sensor.GYRO) or not self.believes(Sensor.TRACKS):
+            return 0.0
+        beyond = float(self.x[State.YAW]) - self.turns.start.yaw - tracks.turn_until(t_ns) / scale
+        known = self.turns.start.scale_sigma / scale * tracks.turn_until(t_ns) / scale
+        return DOUBT[Sensor.COMPASS] * max(beyond**2 - known**2, 0.0)
+
+    def believes(self, sensor: Sensor) -> bool:
+        """Whether a gyro or tracks speak and are not excluded."""
+        turn = self.turns.gyro if sensor is Sensor.GYRO else self.turns.tracks
+        spoke = sensor is Sensor.GYRO or self.track_voice.pose or self.track_voice.twist
+        lately = turn is not None and (self.t_ns or 0) - turn.t_ns <= SILENT_NS
+        return lately and spoke and not self.isolation.excludes(sensor)
 
     def hears(self, sensor: Sensor) -> bool:
         """Whether a sensor has measured the turning lately."""
@@ -150,7 +200,8 @@ def estimate_of(state: FilterState) -> YawEstimate | None:
         yaw_variance=float(seen @ P @ seen)
         + state.held_back**2
         + state.scale_variance
-        + state.isolation.variance
+        + state.isolation.variance(state.t_ns)
+        + (state.unconfirmed.variance(state.belief) + state.against_tracks if state.unconfirmed else 0.0)
         + (state.refusal.variance if state.refusal else 0.0),
         yaw_rate=rate,
         yaw_rate_variance=float(P[State.RATE, State.RATE]) + (HIDDEN_RATE**2 if standing else 0.0),

@@ -15,6 +15,7 @@ from compass import CompassConfig, YawIncrement
 from fusion.checks.clocks import ABANDONED_NS, BACKLOG_NS, LONE_NS, ClockWatch, Elsewhen, StampSequence, confirmed
 from fusion.checks.images import image_warnings
 from fusion.checks.refusal_share import RefusalWatch
+from fusion.checks.silence import SilenceWatch
 from fusion.checks.warnings import Warning, WarningLog, most_serious_first
 from fusion.config import FusionConfig
 from fusion.events import (
@@ -70,7 +71,7 @@ class YawFusion:
         self._heard: dict[Sensor, int] = {}  # newest stamp of each sensor
         self._gaps: dict[Sensor, int] = {}  # between its last two
         self._sequences = {sensor: StampSequence(sensor) for sensor in (Sensor.GYRO, Sensor.TRACKS)}
-        self._clocks = ClockWatch()
+        self._clocks, self._silence = ClockWatch(), SilenceWatch()
         self._beginning: list[Sample] | None = []  # until it is confirmed
 
     def add(self, sample: Sample) -> bool:
@@ -158,6 +159,7 @@ class YawFusion:
         if sample.t_ns > self._heard.get(sensor, sample.t_ns):
             self._gaps[sensor] = sample.t_ns - self._heard[sensor]
         self._heard[sensor] = max(self._heard.get(sensor, 0), sample.t_ns)
+        self._silence.hear(sensor, sample.t_ns)
         self.counts[f"{sensor.value}: {'late' if arrival is Arrival.LATE else 'in order'}"] += 1
         return True
 
@@ -199,8 +201,10 @@ class YawFusion:
         return replace(estimate, warnings=tuple(most_serious_first((*estimate.warnings, *stamps))))
 
     def _stamp_warnings(self) -> list[Warning]:
-        """What is wrong with clocks and stamps."""
-        return self._clocks.warnings() + [w for sequence in self._sequences.values() for w in sequence.warnings()]
+        """What is wrong with clocks and stamps, and who is missing."""
+        clocks = self._clocks.warnings()
+        silent = self._silence.warnings([warning.sensor for warning in clocks])
+        return clocks + silent + [w for sequence in self._sequences.values() for w in sequence.warnings()]
 
     @property
     def state(self) -> FilterState:

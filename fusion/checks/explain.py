@@ -18,6 +18,7 @@ SIGN = 0.4  # ratios this near to -1 are a sign
 EXPLAINED = 0.6  # of the squared contradictions, by one number
 SEVERAL = 3  # windows that tell a bias or a time offset from a scale
 NAMES = {Sensor.GYRO: "the gyro", Sensor.TRACKS: "the odometry", Sensor.COMPASS: "the compass"}
+FAULTS = {"images_mirrored", "images_do_not_turn", "gyro_stuck", "gyro_units"}  # what there is one cause of
 OTHERS = {Sensor.GYRO: (Sensor.COMPASS, Sensor.TRACKS), Sensor.COMPASS: (Sensor.GYRO, Sensor.TRACKS)}
 
 
@@ -37,14 +38,17 @@ def warnings_of(iso: Isolation) -> tuple[Warning, ...]:
         doubt, excluded = iso.doubt(sensor), next((one for one in iso.exclusions if one.sensor is sensor), None)
         if excluded or doubt:
             since_ns = min(one.since_ns for one in (excluded, doubt) if one)
-            found.append(_warning(iso, sensor, since_ns, doubt))
+            found += _warnings(iso, sensor, since_ns, doubt)
     return tuple(found)
 
 
-def _warning(iso: Isolation, sensor: Sensor, since_ns: int, doubt: Doubt | None) -> Warning:
+def _warnings(iso: Isolation, sensor: Sensor, since_ns: int, doubt: Doubt | None) -> list[Warning]:
+    """What is wrong with a sensor; where nobody can tell whether it is not the other one that errs, what with that."""
     windows = [window for window in iso.evidence if window.claim(sensor)] or list(iso.evidence)
     other = _other(sensor, windows)
-    kind = kind_of(sensor, other, windows)
+    kinds = [kind_of(sensor, other, windows)]
+    if doubt is not None and other is not None:
+        kinds += [kind for kind in (kind_of(other, sensor, windows),) if kind.code in FAULTS and kind != kinds[0]]
     seconds = sum(window.seconds for window in windows)
     turned = ", ".join(
         f"{NAMES[one]} {math.degrees(sum(claim.turn for window in windows if (claim := window.claim(one)))):+.1f}"
@@ -53,8 +57,15 @@ def _warning(iso: Isolation, sensor: Sensor, since_ns: int, doubt: Doubt | None)
     )
     who = sensor.value if doubt is None or other is None else f"{sensor.value}+{other.value}"
     end = f"{NAMES[sensor]} is left out" if doubt is None else "nobody can tell who is right: sigma covers both"
-    text = f"{kind.what}: in {seconds:.1f} s that contradict, turned {turned} deg; {end}; {kind.remedy}"
-    return Warning(kind.code, who, since_ns, text)
+    return [
+        Warning(
+            kind.code,
+            who,
+            since_ns,
+            f"{kind.what}: in {seconds:.1f} s that contradict, turned {turned} deg; {end}; {kind.remedy}",
+        )
+        for kind in kinds
+    ]
 
 
 def _other(sensor: Sensor, windows: Sequence[Window]) -> Sensor | None:

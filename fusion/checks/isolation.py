@@ -30,6 +30,7 @@ EVIDENCE = 20  # windows with a contradiction that are remembered, to name the f
 DOUBT = {Sensor.GYRO: 0.25, Sensor.COMPASS: 0.25, Sensor.TRACKS: 0.15}
 # The same of tracks against a view that was found again across a gap, twice: they slip and get lifted, it seldom errs.
 DOUBT_FOUND_AGAIN = 0.1
+LONGEST_ROW_NS = 1_000_000_000  # after a window a contradiction is taken to go on for, until the next one tells
 AGREEING = 0.4  # of the way from one to the other; a third as near to one takes its side
 VAGUE = 0.4  # of the way, standard deviation: nor with less does it know where between the two it is
 BEST_FIRST = (Sensor.COMPASS, Sensor.GYRO, Sensor.TRACKS)
@@ -161,6 +162,10 @@ class Doubt:
         Bias with which its claims count if it is the gyro, rad/s.
     third : Third
         What a third sensor says.
+    until_ns : int or None
+        End of the last window that is in the offset.
+    rate : float
+        At which the offset grew in it, rad/s: as long as nobody knows better, it goes on so.
     """
 
     sensor: Sensor
@@ -168,11 +173,17 @@ class Doubt:
     offset: float
     bias: float = 0.0
     third: Third = field(default_factory=Third)
+    until_ns: int | None = None
+    rate: float = 0.0
 
-    @property
-    def variance(self) -> float:
-        """What it adds to that of the yaw, rad^2."""
-        return DOUBT[self.sensor] * self.offset**2
+    def variance(self, t_ns: int) -> float:
+        """What it adds at a time, ns, to that of the yaw, rad^2."""
+        later_ns = 0 if self.until_ns is None else min(t_ns - self.until_ns, LONGEST_ROW_NS)
+        return DOUBT[self.sensor] * (self.offset + self.rate * later_ns * 1e-9) ** 2
+
+    def plus(self, turn: float, window: Window) -> Doubt:
+        """With a window in which the sensor claims a `turn`, rad, beyond the filter's."""
+        return replace(self, offset=self.offset + turn, until_ns=window.t_ns, rate=turn / window.seconds)
 
     @property
     def against(self) -> Sensor:
@@ -255,10 +266,15 @@ class Isolation:
         """Whether a sensor is not listened to."""
         return any(one.sensor is sensor for one in self.exclusions)
 
+    def variance(self, t_ns: int) -> float:
+        """What all doubts add at a time, ns, to the variance of the yaw, rad^2."""
+        return sum(doubt.variance(t_ns) for doubt in self.doubts)
+
     @property
-    def variance(self) -> float:
-        """What all doubts add to the variance of the yaw, rad^2."""
-        return sum(doubt.variance for doubt in self.doubts)
+    def contradicted(self) -> bool:
+        """Whether gyro or compass are excluded or in doubt."""
+        sensors = {one.sensor for one in self.exclusions} | {one.sensor for one in self.doubts}
+        return bool(sensors - {Sensor.TRACKS})
 
     def doubt(self, sensor: Sensor) -> Doubt | None:
         """What a sensor claims that may be right although it is not followed."""

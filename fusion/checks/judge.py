@@ -74,10 +74,10 @@ def _with_window(doubt: Doubt, window: Window, bias: float) -> Doubt:
     """A doubt with one more window. Tracks slip now and then: of theirs only what contradicts counts."""
     claim = window.claim(doubt.sensor)
     if doubt.sensor is Sensor.TRACKS or claim is None:
-        return doubt
+        return replace(doubt, rate=0.0)
     turn, followed = doubt.turn(claim, window.seconds, bias), window.claim(doubt.against)
     third = doubt.third.plus(window.tracks, followed.turn, turn - followed.turn) if followed else doubt.third
-    return replace(doubt, offset=doubt.offset + turn - window.followed, third=third)
+    return replace(doubt.plus(turn - window.followed, window), third=third)
 
 
 def _settle_doubts(iso: Isolation, window: Window, bias: float) -> Judged:
@@ -95,7 +95,7 @@ def _settle_doubts(iso: Isolation, window: Window, bias: float) -> Judged:
             remedies.append(remedy)
         elif not iso.excludes(doubt.sensor) and _as_before(iso, doubt, window, bias):
             iso = iso.sure_of(doubt.sensor)
-            remedies.append(Remedy(fold=doubt.variance))
+            remedies.append(Remedy(fold=doubt.variance(window.t_ns)))
     return iso, Remedy.of(remedies)
 
 
@@ -152,7 +152,10 @@ def _errs_still(iso: Isolation, one: Exclusion, claim: Claim, reference: Claim, 
     if one.sensor is Sensor.COMPASS and doubt and window.gyro and abs(doubt.offset) > SUSTAINED * abs(off):
         # no single wrong match: a gyro's bias steps more often than a camera is misled for so long
         iso, remedy = _follow(iso, doubt, window)
-        iso = iso.doubting(Doubt(Sensor.GYRO, doubt.since_ns, -doubt.offset, bias, doubt.third.swapped()))
+        swapped = doubt.third.swapped()
+        iso = iso.doubting(
+            Doubt(Sensor.GYRO, doubt.since_ns, -doubt.offset, bias, swapped, window.t_ns, -off / window.seconds)
+        )
         return iso, Remedy.of((remedy, _rebias(window.gyro, claim, window, bias)))
     return iso, Remedy()
 
@@ -183,7 +186,7 @@ def _trust_again(iso: Isolation, sensor: Sensor) -> Judged:
     iso = iso.trusting(sensor)
     if doubt is None or sensor is Sensor.GYRO:
         return iso, Remedy()
-    return iso.sure_of(sensor), Remedy(fold=doubt.variance)
+    return iso.sure_of(sensor), Remedy(fold=doubt.variance(doubt.until_ns or 0))
 
 
 def _judge_trusted(iso: Isolation, window: Window, bias: float) -> Judged:
@@ -207,7 +210,7 @@ def _gyro_against_compass(iso: Isolation, gyro: Claim, compass: Claim, window: W
         return iso, Remedy.of((iso.following(Sensor.COMPASS, window), _rebias(gyro, compass, window, bias)))
     iso = iso.excluding(Sensor.COMPASS, window, gyro.turn, off)
     if side is None:
-        iso = iso.doubting(Doubt(Sensor.COMPASS, window.start_ns, -off, third=third))
+        iso = iso.doubting(Doubt(Sensor.COMPASS, window.start_ns, 0.0, third=third).plus(-off, window))
     return iso, iso.following(Sensor.GYRO, window)
 
 
@@ -233,4 +236,4 @@ def _tracks_against(iso: Isolation, leader: Claim, tracks: Claim, window: Window
         return iso, Remedy.of((iso.following(Sensor.TRACKS, window), _rebias(gyro, tracks, window, bias)))
     doubt = iso.doubt(Sensor.TRACKS) or Doubt(Sensor.TRACKS, window.start_ns, 0.0)
     remedy = iso.following(Sensor.COMPASS, window) if compass else Remedy()
-    return iso.doubting(replace(doubt, offset=doubt.offset + off)), remedy
+    return iso.doubting(doubt.plus(off, window)), remedy

@@ -1,0 +1,166 @@
+"""What the yaw owes to one sensor only, since two of them last agreed.
+
+A fault shows in the next image, or in the next window of turns. Until then the yaw follows the sensor that errs, and
+the filter's covariance does not know: for it the gyro is right. So the published variance also holds what is *news*
+since the last time that two sensors agreed: what the yaw has gone on by beyond
+
+- what the tracks say, which confirm or contradict a gyro at once; else, as long as no third sensor speaks,
+- the turn rate that was agreed on: a robot that turns on as before is no news,
+
+and beyond what the steps of an encoder are.
+
+Where an image was refused and no tracks speak, one of two sensors errs, and nobody measures the turn rate; nor does a
+gyro that repeats one number.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+from compass import wrap_angle
+from fusion.checks.isolation import CLEAR, DOUBT
+from fusion.checks.turns import Window
+from fusion.events import Sensor
+from fusion.samples import OdometrySample
+
+LONGEST_NS = 1_000_000_000  # between two images of a slow camera
+PERIODS = 3  # of the images; after as many it has stopped, and the other sensor is alone, not unconfirmed
+ALIKE = 0.2  # of a turn; by less two that tell it need not differ to agree
+ALIKE_TURN = 1e-3  # rad, nor by less than the steps of an encoder
+WELL_WITHIN = 0.5  # standard deviations; what is forgotten at each agreement adds up
+TRACKS_SILENT_NS = 200_000_000
+# Of the news, squared, where nobody else speaks: a sign reversed is twice as wrong, and stays within three sigmas.
+REVERSED = (2.0 / 3.0) ** 2
+
+
+@dataclass(frozen=True, slots=True)
+class Belief:
+    """What the filter believes.
+
+    Attributes
+    ----------
+    t_ns : int
+        Stamp, ns.
+    yaw, rate : float
+        rad, rad/s.
+    scale, scale_sigma : float
+        Of the tracks.
+    """
+
+    t_ns: int
+    yaw: float
+    rate: float
+    scale: float
+    scale_sigma: float
+
+
+@dataclass(frozen=True, slots=True)
+class TracksSince:
+    """What the tracks claim since a time, by their poses where they have any: a driver's twist lags.
+
+    Attributes
+    ----------
+    last : OdometrySample
+        The newest.
+    turn : float
+        Claimed until then, rad.
+    """
+
+    last: OdometrySample
+    turn: float
+
+    @staticmethod
+    def begin(last: OdometrySample, t_ns: int) -> TracksSince:
+        """From a time on, ns, after the newest sample, whose rate is held until then."""
+        return TracksSince(last, -last.yaw_rate * (t_ns - last.t_ns) * 1e-9)
+
+    def add(self, sample: OdometrySample) -> TracksSince:
+        """With one more sample."""
+        if self.last.yaw is not None and sample.yaw is not None:
+            turn = float(wrap_angle(sample.yaw - self.last.yaw))
+        else:
+            turn = sample.yaw_rate * (sample.t_ns - self.last.t_ns) * 1e-9
+        return TracksSince(sample, self.turn + turn)
+
+    def turn_until(self, t_ns: int) -> float:
+        """Up to a time, ns, after the newest sample, whose rate is held."""
+        return self.turn + self.last.yaw_rate * (t_ns - self.last.t_ns) * 1e-9
+
+
+@dataclass(frozen=True, slots=True)
+class Unconfirmed:
+    """Since the last time that two sensors agreed.
+
+    Attributes
+    ----------
+    since : Belief
+        What was believed then.
+    rate_sigma : float
+        Of a turn rate that nobody measures, rad/s.
+    tracks : TracksSince or None
+        What the tracks have claimed since; None where they do not speak, or were refused when the others agreed.
+    blind_ns : int or None
+        Since when nobody but the tracks can be believed to measure the turn rate: an image was refused, or the gyro
+        repeats one number, or it is excluded and the robot only seems to stand.
+    image_ns : int or None
+        When the last image came, whatever it said.
+    pace_ns : int
+        From the last but one to it.
+    """
+
+    since: Belief
+    rate_sigma: float
+    tracks: TracksSince | None = None
+    blind_ns: int | None = None
+    image_ns: int | None = None
+    pace_ns: int = LONGEST_NS
+
+    def with_tracks(self, sample: OdometrySample) -> Unconfirmed:
+        """After an odometry sample."""
+        return replace(self, tracks=self.tracks and self.tracks.add(sample))
+
+    def with_image(self, t_ns: int) -> Unconfirmed:
+        """After an image, ns, whatever it says."""
+        pace_ns = LONGEST_NS if self.image_ns is None else min(t_ns - self.image_ns, LONGEST_NS)
+        return self if t_ns == self.image_ns else replace(self, image_ns=t_ns, pace_ns=pace_ns)
+
+    def confirmed_by(self, innovation: float, variance: float, now: Belief) -> bool:
+        """Whether an image that passed the gate says the same, by its innovation and variance, rad and rad^2.
+
+        Not every one does: a camera's delay that is not known yet explains much at small rates.
+        """
+        known = now.t_ns - self.since.t_ns <= LONGEST_NS
+        return not known or innovation**2 <= CLEAR**2 * variance + (ALIKE * (now.yaw - self.since.yaw)) ** 2
+
+    def agrees(self, now: Belief, window: Window | None) -> bool:
+        """Whether the tracks say the same since then, well within their noise as it was in a window."""
+        if self.tracks is None:
+            return True
+        if window is None or window.tracks is None:
+            return False
+        windows = (now.t_ns - self.since.t_ns) * 1e-9 / window.seconds
+        beyond = now.yaw - self.since.yaw - self.tracks.turn_until(now.t_ns) / now.scale
+        return abs(beyond) <= WELL_WITHIN * window.tracks.sigma * math.sqrt(windows)
+
+    def blind(self, t_ns: int) -> Unconfirmed:
+        """From a time on, ns, at which it shows that nobody can be believed to measure the turn rate."""
+        return self if self.blind_ns is not None else replace(self, blind_ns=t_ns)
+
+    def _witnessed(self, now: Belief) -> bool:
+        return self.tracks is not None and now.t_ns - self.tracks.last.t_ns <= TRACKS_SILENT_NS
+
+    def variance(self, now: Belief) -> float:
+        """What it adds to that of the yaw, rad^2."""
+        turn, since_ns = now.yaw - self.since.yaw, now.t_ns - self.since.t_ns
+        alike = ALIKE_TURN**2
+        if self.tracks is not None and self._witnessed(now):
+            claimed = self.tracks.turn_until(now.t_ns) / now.scale
+            alike += (now.scale_sigma / now.scale * claimed) ** 2
+            return DOUBT[Sensor.GYRO] * max((turn - claimed) ** 2 - alike, 0.0)
+        last_ns = self.since.t_ns if self.image_ns is None else self.image_ns
+        if self.blind_ns is None and now.t_ns - last_ns > PERIODS * self.pace_ns:
+            return 0.0
+        beyond = max((turn - self.since.rate * since_ns * 1e-9) ** 2 - alike, 0.0)
+        unseen_ns = 0 if self.blind_ns is None else min(now.t_ns - self.blind_ns, LONGEST_NS)
+        return REVERSED * beyond + DOUBT[Sensor.GYRO] * (self.rate_sigma * unseen_ns * 1e-9) ** 2

@@ -1,0 +1,76 @@
+"""Until a second sensor speaks, sigma holds what only one has claimed; nothing of it while two agree."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from robot_drive import robot_drive
+
+from compass import YawIncrement
+from fusion import FusionConfig, GyroSample, OdometrySample, YawFusion
+
+FAULT = 20.3  # s; the robot turns, and the slow camera's last image was at 20.017 s
+
+
+def seen(samples, ride):
+    """Stamp, s, error and sigma, deg, and what of the variance is not the filter's own, deg^2, after each sample."""
+    fusion, out = YawFusion(FusionConfig(gyro_scale_sigma=0.0)), []  # its part is published beside, too
+    for sample in sorted(samples, key=lambda one: one.t_ns):
+        fusion.add(sample)
+        estimate = fusion.estimate()
+        own = float(fusion.state.P[0, 0])
+        error, sigma = ride.error(estimate), math.sqrt(estimate.yaw_variance)
+        more = math.degrees(math.degrees(estimate.yaw_variance - own))
+        out.append((estimate.t_ns * 1e-9, math.degrees(error), math.degrees(sigma), more))
+    return np.array(out).T
+
+
+def slow_camera(who, change=None, seed=3):
+    """A ride whose camera gives an image a second, of which some sensors speak; a gyro that errs from `FAULT` on."""
+    ride = robot_drive(seed, seconds=30.0, compass_hz=1)
+    if change:
+        ride = ride.changed(change, GyroSample, since=FAULT)
+    return ride, [sample for sample in ride.samples if isinstance(sample, who)]
+
+
+REVERSED = lambda s: replace(s, yaw_rate=-s.yaw_rate)  # noqa: E731
+STUCK = lambda s: replace(s, yaw_rate=0.0)  # noqa: E731
+
+
+@pytest.mark.parametrize("change", [REVERSED, STUCK])
+@pytest.mark.parametrize("seed", [3, 4, 6])
+def test_gyro_that_errs_is_covered_until_the_next_image(change, seed):
+    ride, samples = slow_camera((GyroSample, OdometrySample, YawIncrement), change, seed)
+    t, error, sigma, _ = seen(samples, ride)
+    before = (t > FAULT) & (t < FAULT + 0.7)
+    assert (np.abs(error[before]) <= np.maximum(4.0 * sigma[before], 0.1)).all()
+
+
+def test_images_that_confirm_and_tracks_that_agree_add_next_to_nothing():
+    ride, samples = slow_camera((GyroSample, OdometrySample, YawIncrement))
+    t, _, sigma, more = seen(samples, ride)
+    later = t > 10.0  # the tracks' scale is known
+    assert np.median(more[later]) < 0.1 * np.median(sigma[later] ** 2)
+    images = np.isin(np.round(t, 3), [round(s.t_ns * 1e-9, 3) for s in samples if isinstance(s, YawIncrement)])
+    assert np.abs(more[images & later]).max() < 1e-3
+
+
+def test_lone_gyro_is_not_contradicted():
+    ride, samples = slow_camera(GyroSample)
+    assert np.abs(seen(samples, ride)[3]).max() < 1e-9
+
+
+def test_gyro_is_alone_once_the_camera_has_stopped():
+    ride, samples = slow_camera((GyroSample, YawIncrement))
+    kept = [s for s in samples if not (isinstance(s, YawIncrement) and s.t_ns > 20.5e9)]
+    t, _, _, more = seen(kept, ride)
+    assert more[t < 20.5].max() > 1.0  # a turn that no image shows yet
+    assert np.abs(more[t > 24.0]).max() < 1e-9
+
+
+def test_gyro_and_tracks_that_contradict_stay_in_doubt_while_the_robot_stands():
+    ride, samples = slow_camera((GyroSample, OdometrySample), REVERSED)
+    t, error, sigma, _ = seen(samples, ride)
+    late = t > FAULT + 0.5
+    assert (np.abs(error[late]) <= 4.0 * sigma[late]).all()
