@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from compass.errors import ConfigError
 from compass.parameters import ParameterSet, parameter
 
-METHODS = ("rows", "sectors", "parallax")
+METHODS = ("rows", "sectors", "parallax", "corners")
 
 
 @dataclass(frozen=True)

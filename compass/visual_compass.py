@@ -13,6 +13,7 @@ from compass.angles import wrap_angle
 from compass.attitude import Tilted, Vector, beyond_error
 from compass.circle import CircleCheck
 from compass.config import CompassConfig
+from compass.corners.method import CornerTracker
 from compass.history import ImageHistory
 from compass.image import Image
 from compass.increment import CompassStatus, YawIncrement
@@ -27,7 +28,12 @@ from compass.sectors import match_sectors
 from compass.strip import Strip, prepare_strip
 
 UpAt = Callable[[int], Vector | None]
-METHODS: dict[str, Method] = {"rows": match_rows, "sectors": match_sectors, "parallax": match_parallax}
+METHODS: dict[str, Callable[[], Method]] = {
+    "rows": lambda: match_rows,
+    "sectors": lambda: match_sectors,
+    "parallax": lambda: match_parallax,
+    "corners": CornerTracker,
+}
 
 MIN_TEXTURE = 1.1  # grey values of 255; camera noise of 4 alone leaves 0.9 at 1024 columns
 FROZEN_NS = 500_000_000  # a camera never gives the very same image for so long; a video may, frame by frame
@@ -103,6 +109,7 @@ class VisualCompass:
         self._unmatched_since_ns: int | None = None
         self._sought_ns = 0  # when the last view was last sought by its corners
         self._look_back = LookBack()
+        self._method = METHODS[self.config.method]()
 
     def update(self, t_ns: int, image: Image, encoding: str = "") -> YawIncrement | None:
         """Take in one panorama.
@@ -245,7 +252,7 @@ class VisualCompass:
         return match if match.status is CompassStatus.OK else None
 
     def _compare(self, keyframe: Strip, strip: Strip) -> Match:
-        return METHODS[self.config.method](keyframe, strip, self._search(keyframe, strip))
+        return self._method(keyframe, strip, self._search(keyframe, strip))
 
     def _search(self, keyframe: Strip, strip: Strip) -> Search:
         columns = keyframe.columns
