@@ -6,18 +6,18 @@ Where they tell nothing but a turn, all rows pooled say best how far.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from compass.angles import wrap_angle
-from compass.correlation import signed, upright_spectrum
 from compass.corners.motion import Motion, yaw_variance
 from compass.corners.picture import HALF, Picture
 from compass.corners.points import Floats, Patches, cut_patches, find_corners
 from compass.corners.rays import Projection, Tangents, undo
 from compass.corners.solve import CLIMB, DIRECTION, ROTATION, TILT_X, TILT_Y, YAW, Fit, Problem
 from compass.corners.track import Tracks, track
+from compass.correlation import signed, upright_spectrum
 from compass.increment import CompassStatus
 from compass.local import CoarseShift, coarse_shift, quantile
 from compass.match import Match, Search
@@ -36,6 +36,8 @@ CLIMB_SIGMA = math.radians(4.0)  # of the direction of travel against the camera
 LEAN_SIGMA, UNKNOWN_LEAN = 0.01, 0.045  # rad, error of how the camera leans, with an IMU and without
 UNRELATED_PX = 0.18  # a deviation beyond it: no motion explains the corners, they show another place
 PURE = 0.95  # of the corners must be inliers of a turn for all rows to tell it
+LOCK_PX = 0.012  # by which corners that all move by the same part of a column err: photographs of a city and a forest
+DISAGREE = 3.0  # deviations by which all rows and the corners may differ
 LEVEL_PX = 0.15  # tilt at the horizon, rows, above which rows pooled mix it with the turn
 
 
@@ -81,16 +83,15 @@ class CornerTracker:
         coarse = coarse_shift(upright_spectrum(reference, current), reference.columns, search)
         self._newest = Picture(current)
         tracks, turned_px = _tracked(key, self._newest, coarse, projection)
-        confidence = float(np.clip(tracks.likeness.sum() / len(key.patches), 0.0, 1.0))
+        energy = key.patches.contrast**2
+        confidence = float(np.clip(tracks.likeness @ energy[tracks.index] / energy.sum(), 0.0, 1.0))
         if tracks.index.size < FEWEST:
             return Match(float(coarse.shift_px), math.inf, confidence)
         problem = _problem(key, tracks, turned_px, projection, current)
         fit = key.motion.follow(problem)
         spread = quantile(np.abs(fit.along[0]), 0.75) / problem.per_column
-        pure = _pure_turn(key, fit, problem, current)
-        if pure is not None:
-            return Match(*pure, confidence, coarse.status, spread)
-        return _judged(key, tracks, fit, problem, Match(0.0, math.inf, confidence, coarse.status, spread))
+        match = _judged(key, tracks, fit, problem, Match(0.0, math.inf, confidence, coarse.status, spread))
+        return _pure_turn(key, fit, problem, current, match) or match
 
     def _keyframe_of(self, strip: Strip, projection: Projection) -> Keyframe:
         """What is known of the keyframe; its corners are sought when it is new."""
@@ -150,20 +151,9 @@ def _problem(key: Keyframe, tracks: Tracks, turned_px: float, projection: Projec
     column, row = np.hypot(*tangents.ahead[:2]) * projection.per_column, projection.per_row
     floor = (FLOOR_PX * projection.per_column) ** 2
     left, up = column**2 * right + floor, row**2 * down + floor
-    covariance = 0.5 * np.stack([left + up, left - up + 2j * column * row * mixed])
+    covariance = np.empty((2, len(left)), np.complex128)
+    covariance[:] = 0.5 * (left + up), 0.5 * (left - up) + 1j * column * row * mixed
     return Problem(tangents, moved, start, covariance, prior, precision, projection.per_column)
-
-
-def _pure_turn(key: Keyframe, fit: Fit, problem: Problem, current: Strip) -> tuple[float, float] | None:
-    """Shift of all rows pooled and its variance, columns and columns^2, where the camera only turned; else None."""
-    px, tilt = problem.per_column, float(np.hypot(fit.states[0, TILT_X], fit.states[0, TILT_Y]))
-    if key.motion.travels or fit.inlier.mean() < PURE or tilt > LEVEL_PX * px:
-        return None
-    reference = key.picture.strip
-    peak, spectrum = pooled_turn(reference, current, float(fit.states[0, YAW]) / px)
-    if peak.curvature >= 0.0:  # pixels that were doubled have no maximum half a column off
-        return None
-    return float(signed(peak.shift_px, reference.columns)), turn_variance(peak, spectrum, reference)
 
 
 def _judged(key: Keyframe, tracks: Tracks, fit: Fit, problem: Problem, match: Match) -> Match:
@@ -171,6 +161,8 @@ def _judged(key: Keyframe, tracks: Tracks, fit: Fit, problem: Problem, match: Ma
     px = problem.per_column
     yaw, tilt_x, tilt_y = fit.states[0, ROTATION].tolist()
     variance = yaw_variance(fit, tracks, key.motion.travels) / px**2
+    if not key.motion.travels:
+        variance += LOCK_PX**2
     inliers, status = float(fit.inlier.sum()), match.status
     if variance > UNRELATED_PX**2 or inliers < max(FEWEST, INLIERS * tracks.index.size):
         status = CompassStatus.LOW_CONFIDENCE
@@ -178,3 +170,20 @@ def _judged(key: Keyframe, tracks: Tracks, fit: Fit, problem: Problem, match: Ma
     lean = UNKNOWN_LEAN if key.picture.strip.up is None else LEAN_SIGMA
     variance += (lean * math.hypot(tilt_x, tilt_y) / px) ** 2
     return Match(wrap_angle(yaw) / px, variance, match.confidence, status, match.spread_px, (tilt_x, tilt_y))
+
+
+def _pure_turn(key: Keyframe, fit: Fit, problem: Problem, current: Strip, match: Match) -> Match | None:
+    """The same by all rows pooled, where the camera only turned and they agree with the corners; else None."""
+    px, tilt = problem.per_column, float(np.hypot(fit.states[0, TILT_X], fit.states[0, TILT_Y]))
+    if key.motion.travels or fit.inlier.mean() < PURE or tilt > LEVEL_PX * px:
+        return None
+    reference = key.picture.strip
+    peak, spectrum = pooled_turn(reference, current, match.shift_px)
+    if peak.curvature >= 0.0:  # pixels that were doubled have no maximum half a column off
+        return None
+    shift, variance = float(signed(peak.shift_px, reference.columns)), turn_variance(peak, spectrum, reference)
+    apart = float(signed(shift - match.shift_px, reference.columns))
+    # the edges of a mask stay where they are, and what has moved between, corners do without
+    if variance > match.variance_px2 or apart**2 > DISAGREE**2 * (variance + match.variance_px2):
+        return None
+    return replace(match, shift_px=shift, variance_px2=variance, tilt=(0.0, 0.0))

@@ -21,7 +21,7 @@ FORGET = 0.1  # share of the newest image in what is usual
 # turned (apartment, city, forest; noise 2 to 8) none reached 7; the first image of a drive has 16 or more.
 PARALLAX = 8.0
 CLIPPED = 3.0  # deviations: a corner has no more to say
-# Deviations added to the noise from round to round, columns. A first start lies some columns off, a trial's one, and one
+# Deviations added to the noise from round to round, columns. A first start lies some columns off, a trial's one, one
 # from the image before parts of one; the last rounds are without.
 FIRST_PX = np.array([2.0, 1.0, 0.5, 0.2, 0.0, 0.0])
 TRIAL_PX = np.array([1.0, 0.5, 0.25, 0.1, 0.0])

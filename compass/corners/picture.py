@@ -1,4 +1,4 @@
-"""A strip as corners are sought and tracked in it: of one brightness and contrast, softened, wrapped round the circle."""
+"""A strip as corners are tracked in it: of one brightness and contrast, softened, wrapped round the circle."""
 
 from __future__ import annotations
 
@@ -37,14 +37,16 @@ class Picture:
         self.strip = strip
         means = np.asarray(strip.means, np.float32)
         gain = CONTRAST / max(float(np.sqrt(strip.contrast**2 + means.var())), 1.0)
-        grey = cv2.copyMakeBorder(strip.pixels + means, 0, 0, MARGIN, MARGIN, cv2.BORDER_WRAP)
+        grey = np.empty((len(strip.pixels), strip.columns + 2 * MARGIN), np.float32)
+        np.add(strip.pixels, means, out=grey[:, MARGIN:-MARGIN])
+        grey[:, :MARGIN], grey[:, -MARGIN:] = grey[:, -2 * MARGIN : -MARGIN], grey[:, MARGIN : 2 * MARGIN]
         offset = MIDDLE - gain * float(means.mean())
-        self.soft: Pixels = np.asarray(cv2.sepFilter2D(grey, -1, gain * SOFT, SOFT, delta=offset), np.float32)
+        self.soft: Pixels = np.asarray(cv2.sepFilter2D(grey, -1, gain * SOFT, SOFT, grey, delta=offset), np.float32)
 
     @cached_property
     def bytes(self) -> Grey:
         """(rows, columns + 2 * MARGIN) uint8 array: `cv2.calcOpticalFlowPyrLK` takes no other."""
-        return np.asarray(cv2.convertScaleAbs(cv2.max(self.soft, 0.0)), np.uint8)
+        return np.asarray(cv2.convertScaleAbs(np.maximum(self.soft, np.float32(0.0))), np.uint8)
 
     @property
     def rows(self) -> int:

@@ -17,6 +17,7 @@ SECTORS, PER_SECTOR = 32, 7  # corners are spread over the circle: the strongest
 WEAKEST = 3e-3  # smaller eigenvalue of a corner, of that of the strongest
 FLAT = 1e-2  # grey values^2 per pixel^2: keeps what has no gradient finite
 _OFFSETS = np.arange(-HALF, HALF + 1, dtype=np.float32)
+_SIDE = _OFFSETS.size
 ACROSS, DOWN = (one.ravel() for one in np.meshgrid(_OFFSETS, _OFFSETS))
 WINDOW = np.exp(-(ACROSS**2 + DOWN**2) / (2.0 * (0.6 * HALF) ** 2))
 WINDOW /= WINDOW.sum()
@@ -61,8 +62,10 @@ def find_corners(picture: Picture) -> Pixels:
     strength = cv2.cornerMinEigenVal(half, HALF, ksize=3)
     peak = strength >= cv2.dilate(strength, np.ones((3, 3), np.uint8))
     row, column = np.nonzero(peak)
-    at = np.stack([2.0 * column + 0.5 - MARGIN, 2.0 * row + 0.5], axis=1).astype(np.float32)
-    inside = (at[:, 0] >= 0.0) & (at[:, 0] < picture.columns) & (at[:, 1] > HALF) & (at[:, 1] < picture.rows - HALF - 1)
+    at = np.stack([2.0 * column - MARGIN, 2.0 * row], axis=1).astype(np.float32)
+    inside = (
+        (at[:, 0] >= 0.0) & (at[:, 0] < picture.columns) & (at[:, 1] > HALF + 2) & (at[:, 1] < picture.rows - HALF - 4)
+    )
     if picture.clear is not None:
         inside &= picture.clear[row.astype(np.intp) * 2, (at[:, 0].astype(np.intp)) % picture.columns]
     at, strong = at[inside], strength[row, column][inside]
@@ -73,13 +76,16 @@ def find_corners(picture: Picture) -> Pixels:
     sector = (at[order, 0] * (SECTORS / picture.columns)).astype(np.intp)
     grouped = np.argsort(sector, kind="stable")
     first = np.searchsorted(sector[grouped], sector[grouped])
-    return at[order[grouped[np.arange(grouped.size) - first < PER_SECTOR]]]
+    chosen: Pixels = at[order[grouped[np.arange(grouped.size) - first < PER_SECTOR]]]
+    return chosen
 
 
 def cut_patches(picture: Picture, at: Pixels) -> Patches:
     """What surrounds corners at (n, 2) columns and rows of the strip."""
-    values, contrast = levelled(sample(picture.soft, at))
-    right, down = (sample(cv2.Sobel(picture.soft, cv2.CV_32F, *axes, ksize=1, scale=0.5), at) for axes in ((1, 0), (0, 1)))
+    around = _windows(picture.soft, at.astype(np.intp), 1)
+    values, contrast = levelled(around[:, 1:-1, 1:-1].reshape(len(at), -1))
+    right, down = around[:, 1:-1, 2:] - around[:, 1:-1, :-2], around[:, 2:, 1:-1] - around[:, :-2, 1:-1]
+    right, down = (0.5 * one.reshape(len(at), -1) for one in (right, down))
     slopes = np.stack([right, down], axis=1)
     growing = right * ACROSS + down * DOWN
     # a change of brightness or contrast is no shift: both are taken out of the slopes
@@ -95,12 +101,46 @@ def cut_patches(picture: Picture, at: Pixels) -> Patches:
 
 
 def sample(pixels: Pixels, at: Pixels) -> Pixels:
-    """(n, pixels) grey values about (n, 2) columns and rows of the strip, interpolated by a cubic."""
-    column, row = at[:, :1] + (ACROSS + np.float32(MARGIN)), at[:, 1:] + DOWN
-    return np.asarray(cv2.remap(pixels, column, row, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE), np.float32)
+    """(n, pixels) grey values about (n, 2) columns and rows of the strip, interpolated.
+
+    By the six-point cubic convolution of Keys (1981, doi:10.1109/TASSP.1981.1163711): errors go with the fourth power
+    of a pixel. `cv2.remap` would be no quicker, and its cubic pulls a shift by up to 0.04 pixels to whole ones.
+    """
+    whole = np.floor(at).astype(np.intp)
+    across, down = _convolution(at - whole)
+    wide, count = _SIDE + 5, len(at)
+    # rows lie one after another, so that long stretches of memory are multiplied at once
+    flat = _windows(pixels, whole, 2, 3).reshape(count, -1)
+    rows = down[0] * flat[:, : _SIDE * wide]
+    for k in range(1, 6):
+        rows += down[k] * flat[:, k * wide : (k + _SIDE) * wide]
+    patches = np.empty((count, _SIDE * wide), np.float32)
+    end = _SIDE * wide - 5
+    np.multiply(across[0], rows[:, :end], out=patches[:, :end])
+    for k in range(1, 6):
+        patches[:, :end] += across[k] * rows[:, k : end + k]
+    return patches.reshape(count, _SIDE, wide)[:, :, :_SIDE].reshape(count, -1)
+
+
+def _windows(pixels: Pixels, whole: npt.NDArray[np.intp], before: int, after: int | None = None) -> Pixels:
+    """(n, rows, columns) patches about (n, 2) whole columns and rows, and so many pixels more on their sides."""
+    side = _SIDE + before + (before if after is None else after)
+    windows = np.lib.stride_tricks.sliding_window_view(pixels, (side, side))
+    row = np.clip(whole[:, 1] - HALF - before, 0, len(windows) - 1)
+    return np.asarray(windows[row, whole[:, 0] - HALF - before + MARGIN])
+
+
+def _convolution(part: Pixels) -> tuple[Pixels, Pixels]:
+    """(6, n, 1) weights of the columns and of the rows at (n, 2) parts of a pixel."""
+    s = np.abs(np.arange(-2, 4, dtype=np.float32)[:, None, None] - part)
+    inner = (4 / 3 * s - 7 / 3) * s * s + 1
+    middle = ((-7 / 12 * s + 3) * s - 59 / 12) * s + 5 / 2
+    outer = ((1 / 12 * s - 2 / 3) * s + 21 / 12) * s - 3 / 2
+    weights = np.where(s < 1, inner, np.where(s < 2, middle, outer)).astype(np.float32)
+    return weights[:, :, :1], weights[:, :, 1:]
 
 
 def levelled(patches: Pixels) -> tuple[Pixels, Pixels]:
     """Patches without their weighted means, and (n,) their weighted root mean squares."""
     patches = patches - (patches @ WINDOW)[:, None]
-    return patches, np.sqrt((patches * patches) @ WINDOW) + np.float32(1e-3)
+    return patches, np.maximum(np.sqrt((patches * patches) @ WINDOW), np.float32(1e-3))

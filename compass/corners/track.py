@@ -92,7 +92,7 @@ def _tracked(before: Picture, patches: Patches, now: Picture, guess: Pixels, lev
     near = np.abs(rough - start).max(axis=1) < MARGIN - HALF - 1
     whole = (rough[:, 1] >= HALF) & (rough[:, 1] < now.rows - HALF)
     index = np.flatnonzero(found[:, 0].astype(bool) & near & whole)
-    rough = rough[index] - np.array([MARGIN, 0.0], np.float32)
+    rough = np.asarray(rough[index], np.float32) - np.array([MARGIN, 0.0], np.float32)
     values, contrast, answer = patches.values[index], patches.contrast[index], patches.answer[index]
     at = rough
     likeness = np.zeros(len(at), np.float32)
