@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from compass.angles import wrap_angle
-from compass.corners.motion import Motion, yaw_variance
+from compass.corners.motion import PURE, Motion, yaw_variance
 from compass.corners.picture import HALF, Picture
 from compass.corners.points import Floats, Patches, cut_patches, find_corners
 from compass.corners.rays import Projection, Tangents, undo
@@ -35,7 +35,6 @@ TILT_SIGMA = math.radians(3.0)  # of the scene between keyframe and image, besid
 CLIMB_SIGMA = math.radians(4.0)  # of the direction of travel against the camera's level
 LEAN_SIGMA, UNKNOWN_LEAN = 0.01, 0.045  # rad, error of how the camera leans, with an IMU and without
 UNRELATED_PX = 0.18  # a deviation beyond it: no motion explains the corners, they show another place
-PURE = 0.95  # of the corners must be inliers of a turn for all rows to tell it
 LOCK_PX = 0.012  # by which corners that all move by the same part of a column err: photographs of a city and a forest
 DISAGREE = 3.0  # deviations by which all rows and the corners may differ
 LEVEL_PX = 0.15  # tilt at the horizon, rows, above which rows pooled mix it with the turn

@@ -113,6 +113,8 @@ class Fit(Start):
         Residuals to the left and up, rad.
     along, sigma : (k, n) arrays
         Residuals along the epipolar lines, and their noise's standard deviations, rad.
+    doubt : float
+        Variance of the yaw that other motions leave, rad^2.
     """
 
     log_posterior: Floats
@@ -122,6 +124,7 @@ class Fit(Start):
     off: Complexes
     along: Floats
     sigma: Floats
+    doubt: float = 0.0
 
 
 def even_shares(pushed: bool = True) -> Floats:
