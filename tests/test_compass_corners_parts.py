@@ -14,7 +14,7 @@ from compass.corners.picture import Picture
 from compass.corners.points import cut_patches, find_corners, sample
 from compass.corners.rays import Projection, Tangents, undo
 from compass.corners.solve import DIRECTION, OUTLIER, TILT_X, TILT_Y, YAW, Problem, Start, ascend, even_shares
-from compass.corners.track import track
+from compass.corners.track import FARTHEST, REACH, track
 from compass.strip import prepare_strip
 
 PER_PX = math.tau / 1024
@@ -110,6 +110,15 @@ def test_tracks_go_round_the_circle():
     moved = (found.at[:, 0] - patches.at[found.index, 0]) % 1024
     assert found.index.size == len(patches)
     assert moved == pytest.approx(np.full(moved.size, 500.0), abs=0.05)
+
+
+@pytest.mark.parametrize("width", [256, 301, 1024])
+def test_farthest_track_is_cut_within_the_margin(width):
+    soft, farthest = picture(scene(3, width, 64)).soft, REACH + FARTHEST
+    for column in (-farthest, width - 0.01 + farthest):
+        cut = sample(soft, np.float32([[column, 30.0]]))
+        # the picture goes on round the circle
+        assert cut == pytest.approx(sample(soft, np.float32([[column % width, 30.0]])), abs=0.05)
 
 
 def test_corners_are_spread_over_the_circle():

@@ -24,6 +24,9 @@ ENOUGH = 0.7  # of the corners
 ROUNDS = 2  # of the finer alignment
 FARTHEST = 1.0  # pixels by which it may move a track in all
 STOP = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 10, 0.03)
+# Pixels from where a corner is expected to where it may be: a patch there, what its interpolation needs round it, and
+# what the finer alignment adds lie within the picture's margin.
+REACH = MARGIN - HALF - 4 - FARTHEST
 ALIKE = 0.8  # normalised correlation of a patch with what it is found as
 WINDOWED = float(WINDOW @ WINDOW)  # variance of a weighted mean of pixels, of that of one
 
@@ -89,7 +92,7 @@ def _tracked(before: Picture, patches: Patches, now: Picture, guess: Pixels, lev
         flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
         criteria=STOP,
     )
-    near = np.abs(rough - start).max(axis=1) < MARGIN - HALF - 1
+    near = np.abs(rough - start).max(axis=1) < REACH
     whole = (rough[:, 1] >= HALF) & (rough[:, 1] < now.rows - HALF)
     index = np.flatnonzero(found[:, 0].astype(bool) & near & whole)
     rough = np.asarray(rough[index], np.float32) - np.array([MARGIN, 0.0], np.float32)
