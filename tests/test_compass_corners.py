@@ -141,6 +141,16 @@ def test_unrelated_places_give_no_increment():
         assert engine.status is CompassStatus.LOW_CONFIDENCE
 
 
+def test_image_that_shows_another_place_does_not_mislead_the_next():
+    frames = [as_bytes(shifted(driven(sphere(14), 0.01 * k, 0.0, (1.0, 3.0)), 5.0 * k), NOISE, k) for k in range(6)]
+    frames[3] = as_bytes(sphere(15), NOISE, 3)
+    engine = compass()
+    show(engine, *frames)
+    assert engine.counts[CompassStatus.LOW_CONFIDENCE] == 1
+    assert engine.status is CompassStatus.OK
+    assert engine.yaw / PER_PX == pytest.approx(25.0, abs=0.1)
+
+
 def test_place_that_looks_the_same_all_round_is_ambiguous():
     part = as_bytes(np.tile(scene(8, WIDTH // 4, WIDTH // 2), (1, 4)))
     engine = compass(max_yaw_rate=50.0)

@@ -85,12 +85,16 @@ class CornerTracker:
         energy = key.patches.contrast**2
         confidence = float(np.clip(tracks.likeness @ energy[tracks.index] / energy.sum(), 0.0, 1.0))
         if tracks.index.size < FEWEST:
+            key.motion = Motion.unknown()
             return Match(float(coarse.shift_px), math.inf, confidence)
         problem = _problem(key, tracks, turned_px, projection, current)
         fit = key.motion.follow(problem)
         spread = quantile(np.abs(fit.along[0]), 0.75) / problem.per_column
         match = _judged(key, tracks, fit, problem, Match(0.0, math.inf, confidence, coarse.status, spread))
-        return _pure_turn(key, fit, problem, current, match) or match
+        match = _pure_turn(key, fit, problem, current, match) or match
+        if match.status is CompassStatus.LOW_CONFIDENCE:  # what misled this image shall not mislead the next one
+            key.motion = Motion.unknown()
+        return match
 
     def _keyframe_of(self, strip: Strip, projection: Projection) -> Keyframe:
         """What is known of the keyframe; its corners are sought when it is new."""
@@ -110,7 +114,7 @@ class CornerTracker:
 
 
 def _tracked(key: Keyframe, now: Picture, coarse: CoarseShift, projection: Projection) -> tuple[Tracks, float]:
-    """Corners found again, and how far their median has moved since the last image, columns.
+    """Corners found again, and how far their median has moved since the last image whose motion is known, columns.
 
     They are sought where they were last, moved as the image seems to have rotated since.
     """
@@ -123,7 +127,9 @@ def _tracked(key: Keyframe, now: Picture, coarse: CoarseShift, projection: Proje
     if now.clear is not None:
         column, row = np.rint(tracks.at).astype(np.intp).T
         tracks = tracks.some(now.clear[row, column % now.columns])
-    ways = signed(tracks.at[:, 0] - key.last[tracks.index, 0], now.columns)
+    since = key.patches.at if key.motion.is_unknown else key.last
+    expected = coarse.shift_px if key.motion.is_unknown else 0
+    ways = signed(tracks.at[:, 0] - since[tracks.index, 0] - expected, now.columns) + expected
     key.last, key.predicted = guess, predicted
     key.last[tracks.index] = tracks.at
     return tracks, quantile(ways, 0.5) if ways.size else 0.0

@@ -55,13 +55,18 @@ class Motion:
         """Before any image."""
         return Motion(Start(np.zeros((1, 5)), even_shares(), np.ones(1)))
 
+    @property
+    def is_unknown(self) -> bool:
+        """Whether there was no image yet."""
+        return math.isinf(self.usual_noise)
+
     def follow(self, problem: Problem) -> Fit:
         """The motion that explains the corners' ways in the next image; what it tells is kept for the one after."""
         fit = self._continued(problem) if self.travels else None
         if fit is None or not self._believable(fit):
             fit = self._anew(problem, fit)
         noise = float(fit.noise[0])
-        usual = noise if math.isinf(self.usual_noise) else self.usual_noise
+        usual = noise if self.is_unknown else self.usual_noise
         self.usual_noise = usual + FORGET * (noise - usual)
         self.start = Start(fit.states, fit.shares if self.travels else even_shares(), fit.noise)
         return fit
