@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from compass.errors import ConfigError
 from compass.parameters import ParameterSet, parameter
 
-METHODS = ("rows", "sectors", "parallax")
+METHODS = ("rows", "sectors", "parallax", "corners")
 
 
 @dataclass(frozen=True)
@@ -53,23 +53,23 @@ class CompassConfig(ParameterSet):
     )
 
     keyframe_spread: float = parameter(
-        3.0,
+        -1.0,
         "a keyframe stays the reference until the parts of the panorama have moved apart by this much; 0 compares "
-        "each image with the one before",
+        "each image with the one before; -1: what suits the method, 3 for `parallax`, 8 for `corners`",
         unit="px",
-        low=0.0,
+        low=-1.0,
         high=20.0,
     )
     find_again: bool = parameter(
         True,
         "after a gap (darkness, a camera that failed) find the last view again by its corners and tell the turn since; "
-        "`parallax` only",
+        "`parallax` and `corners` only",
     )
     look_back: float = parameter(
         0.9,
         "how often the turn since a view some seconds ago is told by its corners: right to a hundredth of a degree, "
         "for the filter, at the cost of ten comparisons; 0: never; not more than the filter's `reference_window`; "
-        "`parallax` only",
+        "`parallax` and `corners` only",
         unit="s",
         low=0.0,
         high=60.0,

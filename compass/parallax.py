@@ -7,13 +7,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from compass.correlation import Floats, Peak, continuous_peak, pooled_spectrum, signed, upright_spectrum
+from compass.correlation import Floats, signed, upright_spectrum
 from compass.increment import CompassStatus
 from compass.local import CoarseShift, SectorShifts, coarse_shift, quantile
 from compass.match import Match, Search
 from compass.posterior import UNKNOWN_PX, SectorEvidence, turn_posterior
 from compass.sectors import match_sectors
-from compass.strip import Pixels, Spectrum, Strip
+from compass.strip import Pixels, Strip
+from compass.turn import pooled_turn, turn_variance
 from compass.view import FEWEST, View, sector_index, sector_shifts, view
 
 NARROWEST = 256  # columns; sectors of fewer than eight cannot tell parallax apart
@@ -26,12 +27,6 @@ TURNING = np.deg2rad(25.0)
 PUSHED_PX = 0.7
 UNRELATED_PX = 0.18  # a deviation beyond it: no turn explains the sectors, they show another place
 LEAN_ERROR = 0.045  # of what is known of the camera's lean, rad
-MASKED_ERROR_PX = 0.007  # what the edges of a mask, which stay, leave in all rows pooled
-SIGNIFICANT = 1.0  # deviations of chi-square by which bands must lie apart to count: white noise passes one in six
-NEGLIGIBLE_BAND = 1e-3  # of all information: a band with less has no shift of its own
-# Edges of the bands of spatial frequency that are asked for a shift of their own, waves per column: octaves, and from
-# 1/8 on, where most of a photograph's information lies, steps of 1/16.
-BANDS = np.array([1 / 1024, 1 / 32, 1 / 16, 1 / 8, 3 / 16, 1 / 4, 5 / 16, 3 / 8, 1 / 2])
 
 
 def match_parallax(reference: Strip, current: Strip, search: Search) -> Match:
@@ -65,16 +60,13 @@ def _match_turn(reference: Strip, current: Strip, coarse: CoarseShift, sectors: 
     median = quantile(sectors.shift_px, 0.5)
     if _apart(sectors, median) >= AGREED:
         return None
-    spectrum = pooled_spectrum(reference, current)
-    exact = continuous_peak(spectrum, reference.columns, median)
+    exact, spectrum = pooled_turn(reference, current, median)
     apart = _apart(sectors, exact.shift_px)
     if apart >= AGREED or exact.curvature >= 0.0:  # pixels that were doubled have no maximum half a column off
         return None
     shift = float(signed(exact.shift_px, reference.columns))
     spread = apart * quantile(sectors.sigma_px, 0.5)
-    bound = _bound(exact, reference)
-    variance = bound + _bands_apart(spectrum, reference.columns, exact, bound)
-    return Match(shift, variance, _confidence(sectors), coarse.status, spread)
+    return Match(shift, turn_variance(exact, spectrum, reference), _confidence(sectors), coarse.status, spread)
 
 
 def _confidence(sectors: SectorShifts) -> float:
@@ -113,30 +105,3 @@ def _evidence(seen: View, forward_px: float, columns: int) -> SectorEvidence:
 
 def _single(values: Floats) -> Pixels:
     return values.astype(np.float32)
-
-
-def _bound(peak: Peak, reference: Strip) -> float:
-    """Cramer-Rao bound of the variance of the shift of all rows pooled, columns^2."""
-    bound = 2.0 * max(1.0 - peak.value, 1e-6) / (reference.pixels.size * max(-peak.curvature, 1e-12))
-    return bound if reference.seen is None else bound + MASKED_ERROR_PX**2
-
-
-def _bands_apart(spectrum: Spectrum, columns: int, peak: Peak, bound: float) -> float:
-    """Variance between the shifts that bands of spatial frequency find by themselves, beyond that of noise, columns^2.
-
-    Compression and resampling move fine detail towards the grid they work on: all round the circle alike, so that no
-    scatter of sectors shows it, by hundredths of a column where noise leaves thousandths. Coarse detail does not
-    follow. How far the bands lie apart is how far their weighted mean, the peak, may lie from the truth; it is not
-    divided by their number, because they err to the same side. The estimate is that of random effects (DerSimonian and
-    Laird 1986, doi:10.1016/0197-2456(86)90046-2): chi-square less its expectation, where that is more than chance.
-    """
-    edges = np.unique(np.round(BANDS * columns).astype(np.intp))
-    omega = 2.0 * np.pi / columns * np.arange(spectrum.size)
-    wave = spectrum * np.exp(1j * omega * peak.shift_px) * (2.0 / columns)
-    slope = np.add.reduceat(omega * wave.imag, edges)[:-1]  # of the band's correlation, where all of them are best
-    bend = np.add.reduceat(omega**2 * wave.real, edges)[:-1]
-    told = bend > NEGLIGIBLE_BAND * bend.sum()
-    between = float((slope[told] ** 2 / bend[told]).sum() / bend[told].sum())
-    free = np.count_nonzero(told) - 1
-    excess = between - free * bound
-    return excess if excess > SIGNIFICANT * np.sqrt(2.0 * free) * bound else 0.0

@@ -13,21 +13,28 @@ from compass.angles import wrap_angle
 from compass.attitude import Tilted, Vector, beyond_error
 from compass.circle import CircleCheck
 from compass.config import CompassConfig
+from compass.corners.method import CornerTracker
 from compass.history import ImageHistory
 from compass.image import Image
 from compass.increment import CompassStatus, YawIncrement
 from compass.landmarks import match_landmarks
-from compass.look_back import Look, LookBack, View
+from compass.look_back import WITH_CORNERS, Look, LookBack, View
 from compass.lost import LostTurn, LostTurns
 from compass.mask import load_mask
-from compass.match import Match, Method, Search
+from compass.match import Match, MethodEntry, Search
 from compass.parallax import match_parallax
 from compass.rows import match_rows
 from compass.sectors import match_sectors
 from compass.strip import Strip, prepare_strip
 
 UpAt = Callable[[int], Vector | None]
-METHODS: dict[str, Method] = {"rows": match_rows, "sectors": match_sectors, "parallax": match_parallax}
+METHODS: dict[str, MethodEntry] = {
+    "rows": MethodEntry(lambda: match_rows),
+    "sectors": MethodEntry(lambda: match_sectors),
+    "parallax": MethodEntry(lambda: match_parallax),
+    # tracks of 8 columns are no worse than those of 3, and three keyframes' errors are one
+    "corners": MethodEntry(CornerTracker, keyframe_spread=8.0),
+}
 
 MIN_TEXTURE = 1.1  # grey values of 255; camera noise of 4 alone leaves 0.9 at 1024 columns
 FROZEN_NS = 500_000_000  # a camera never gives the very same image for so long; a video may, frame by frame
@@ -103,6 +110,9 @@ class VisualCompass:
         self._unmatched_since_ns: int | None = None
         self._sought_ns = 0  # when the last view was last sought by its corners
         self._look_back = LookBack()
+        entry, spread = METHODS[self.config.method], self.config.keyframe_spread
+        self._method = entry.make()
+        self._keyframe_spread = spread if spread >= 0.0 else entry.keyframe_spread
 
     def update(self, t_ns: int, image: Image, encoding: str = "") -> YawIncrement | None:
         """Take in one panorama.
@@ -238,14 +248,14 @@ class VisualCompass:
     def _find_again(self, keyframe: Strip, strip: Strip) -> Match | None:
         """Seek the last good view, by now the keyframe, by its corners; not at once, and not at every image."""
         early = strip.t_ns - max(keyframe.t_ns, self._sought_ns) < SEEK_NS
-        if early or not self.config.find_again or self.config.method != "parallax":
+        if early or not self.config.find_again or self.config.method not in WITH_CORNERS:
             return None
         self._sought_ns = strip.t_ns
         match = match_landmarks(keyframe, strip, self._search(keyframe, strip))
         return match if match.status is CompassStatus.OK else None
 
     def _compare(self, keyframe: Strip, strip: Strip) -> Match:
-        return METHODS[self.config.method](keyframe, strip, self._search(keyframe, strip))
+        return self._method(keyframe, strip, self._search(keyframe, strip))
 
     def _search(self, keyframe: Strip, strip: Strip) -> Search:
         columns = keyframe.columns
@@ -259,7 +269,7 @@ class VisualCompass:
 
     def _lost(self, match: Match) -> bool:
         """Whether the keyframe is too far behind for this match to be used; the next one moves it in any case."""
-        too_far = 2.0 * self.config.keyframe_spread
+        too_far = 2.0 * self._keyframe_spread
         return match.spread_px > too_far or self._judge_match(match) is not CompassStatus.OK
 
     def _move_keyframe(self) -> None:
@@ -296,7 +306,7 @@ class VisualCompass:
         self._lost_turns.known(strip.t_ns)
         self._leans = self._lean_of(strip) or leans.later((strip.t_ns - keyframe.t_ns) * 1e-9)
         self._unmatched_since_ns = None
-        if match.spread_px > self.config.keyframe_spread:
+        if match.spread_px > self._keyframe_spread:
             self._move_keyframe()
         confidence = min(max(match.confidence, 0.0), 1.0)
         self._last_increment = YawIncrement(keyframe.t_ns, strip.t_ns, yaw, variance, confidence, turn, match.tilt)

@@ -11,7 +11,7 @@ from panoramas import FRAME_NS, START_NS, STARTS, as_bytes, compare, scene, shif
 
 from compass import CompassConfig, CompassStatus, VisualCompass, wrap_angle
 
-METHODS = ("rows", "sectors", "parallax")
+METHODS = ("rows", "sectors", "parallax", "corners")
 WIDTH = 1024
 PER_PX = math.tau / WIDTH
 # Noiseless frames rolled by whole columns hold the very same numbers: what remains is float32's rounding in sums over

@@ -9,7 +9,7 @@ from panoramas import as_bytes, compare, scene, shifted, show
 from compass import CompassConfig, CompassStatus, ImageError, VisualCompass
 from compass.strip import prepare_strip
 
-METHODS = ("rows", "sectors", "parallax")
+METHODS = ("rows", "sectors", "parallax", "corners")
 WIDTH, STEP = 512, 7.3  # columns
 
 

@@ -8,7 +8,7 @@ from panoramas import FRAME_NS, START_NS, as_bytes, scene, show, turned
 
 from compass import CompassConfig, CompassStatus, ImageError, VisualCompass
 
-METHODS = ("rows", "sectors", "parallax")
+METHODS = ("rows", "sectors", "parallax", "corners")
 WIDTH = 1024
 PER_PX = math.tau / WIDTH
 EXACT = 1e-3 * PER_PX  # whole columns without noise: see test_compass.py

@@ -1,0 +1,1 @@
+"""Yaw from tracked corners, whose parallax has one sign: see `method`."""

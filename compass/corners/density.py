@@ -1,0 +1,42 @@
+"""Density of a residual along its epipolar line: noise, plus a parallax that is never negative.
+
+A point's inverse distance times the camera's step is exponentially distributed with one of a few means, whose shares
+are found from the image itself; or the point is too far away to move at all. Noise plus an exponential variable has the
+exponentially modified normal distribution (Grushka 1972, doi:10.1021/ac60319a011).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.special import erfcx
+
+from compass.corners.points import Floats
+
+_ROOT_HALF = np.sqrt(0.5)
+_ROOT_2_PI = np.sqrt(2.0 * np.pi)
+_CERTAIN = 12.0  # deviations above which the normal part is no longer felt: its distribution is 1 there to 1e-33
+
+
+def exponentially_modified(scaled: Floats, ratio: Floats) -> tuple[Floats, Floats, Floats]:
+    """Density of the sum of a standard normal and an exponential variable.
+
+    Parameters
+    ----------
+    scaled : array
+        Where, in deviations of the normal part.
+    ratio : array
+        Deviation of the normal part, of the exponential's mean; broadcast against `scaled`.
+
+    Returns
+    -------
+    density : array
+        Times ``sqrt(2 pi)``, as the normal's is ``exp(-scaled ** 2 / 2)``.
+    slope, bend : arrays
+        Derivative of the density's logarithm, and that derivative's negative derivative, never negative.
+    """
+    z = scaled - ratio
+    near = np.minimum(z, _CERTAIN)
+    tail = erfcx(-_ROOT_HALF * near)
+    density = np.exp(ratio * (0.5 * ratio - scaled) - 0.5 * near * near) * tail * ratio * (0.5 * _ROOT_2_PI)
+    hazard = (2.0 / _ROOT_2_PI) / tail
+    return density, hazard - ratio, hazard * (z + hazard)

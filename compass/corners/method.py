@@ -1,0 +1,194 @@
+"""The method `corners`: corners of the keyframe are tracked, and the rotation and travel found that explain their ways.
+
+Where they tell nothing but a turn, all rows pooled say best how far.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from compass.angles import wrap_angle
+from compass.corners.motion import PURE, Motion, yaw_variance
+from compass.corners.picture import HALF, Picture
+from compass.corners.points import Floats, Patches, cut_patches, find_corners
+from compass.corners.rays import Projection, Tangents, undo
+from compass.corners.solve import CLIMB, DIRECTION, ROTATION, TILT_X, TILT_Y, YAW, Fit, Problem
+from compass.corners.track import Tracks, track
+from compass.correlation import signed, upright_spectrum
+from compass.increment import CompassStatus
+from compass.local import CoarseShift, coarse_shift, quantile
+from compass.match import Match, Search
+from compass.sectors import match_sectors
+from compass.strip import Strip
+from compass.turn import pooled_turn, turn_variance
+from compass.untilt import tilt_between
+
+NARROWEST = 256  # columns; with fewer a patch is larger than what it shows
+LOWEST = 4 * HALF  # rows
+FEWEST = 24  # corners that have to be found again, and to be inliers: five for each of a motion's unknowns
+INLIERS = 0.3  # of the corners that are found: with fewer another motion may have as many
+FLOOR_PX = 0.02  # deviation of a track that its patch does not know of, columns
+TILT_SIGMA = math.radians(3.0)  # of the scene between keyframe and image, beside what an IMU tells
+CLIMB_SIGMA = math.radians(4.0)  # of the direction of travel against the camera's level
+LEAN_SIGMA, UNKNOWN_LEAN = 0.01, 0.045  # rad, error of how the camera leans, with an IMU and without
+UNRELATED_PX = 0.18  # a deviation beyond it: no motion explains the corners, they show another place
+LOCK_PX = 0.012  # by which corners that all move by the same part of a column err: photographs of a city and a forest
+DISAGREE = 3.0  # deviations by which all rows and the corners may differ
+LEVEL_PX = 0.15  # tilt at the horizon, rows, above which rows pooled mix it with the turn
+
+
+@dataclass(slots=True, eq=False)
+class Keyframe:
+    """A keyframe's n corners, and where they were seen last.
+
+    Attributes
+    ----------
+    picture, patches, tangents
+        The image, the corners, and the tangent planes at them.
+    last : (n, 2) array
+        Columns and rows where they were seen last, or would have been.
+    predicted : (n, 2) array
+        Where the last image's coarse shift, and the IMU's tilt, put them.
+    motion : Motion
+        What the images since have told.
+    """
+
+    picture: Picture
+    patches: Patches
+    tangents: Tangents
+    last: Floats
+    predicted: Floats
+    motion: Motion
+
+
+class CornerTracker:
+    """Compares images with a keyframe by its corners, and remembers where they were seen last."""
+
+    def __init__(self) -> None:
+        self._keyframe: Keyframe | None = None
+        self._newest: Picture | None = None
+
+    def __call__(self, reference: Strip, current: Strip, search: Search) -> Match:
+        """How the current strip lies on the reference, see `compass.match.Match`."""
+        if reference.columns < NARROWEST or len(reference.pixels) < LOWEST:
+            return match_sectors(reference, current, search)
+        projection = Projection.of(reference, search.forward_px)
+        key = self._keyframe_of(reference, projection)
+        if len(key.patches) < FEWEST:
+            return match_sectors(reference, current, search)
+        coarse = coarse_shift(upright_spectrum(reference, current), reference.columns, search)
+        self._newest = Picture(current)
+        tracks, turned_px = _tracked(key, self._newest, coarse, projection)
+        energy = key.patches.contrast**2
+        confidence = float(np.clip(tracks.likeness @ energy[tracks.index] / energy.sum(), 0.0, 1.0))
+        if tracks.index.size < FEWEST:
+            key.motion = Motion.unknown()
+            return Match(float(coarse.shift_px), math.inf, confidence)
+        problem = _problem(key, tracks, turned_px, projection, current)
+        fit = key.motion.follow(problem)
+        spread = quantile(np.abs(fit.along[0]), 0.75) / problem.per_column
+        match = _judged(key, tracks, fit, problem, Match(0.0, math.inf, confidence, coarse.status, spread))
+        match = _pure_turn(key, fit, problem, current, match) or match
+        if match.status is CompassStatus.LOW_CONFIDENCE:  # what misled this image shall not mislead the next one
+            key.motion = Motion.unknown()
+        return match
+
+    def _keyframe_of(self, strip: Strip, projection: Projection) -> Keyframe:
+        """What is known of the keyframe; its corners are sought when it is new."""
+        old, newest = self._keyframe, self._newest
+        if old is not None and old.picture.strip is strip:
+            return old
+        picture = newest if newest is not None and newest.strip is strip else Picture(strip)
+        patches = cut_patches(picture, find_corners(picture))
+        tangents = Tangents.at(projection.directions(patches.at + patches.centre))
+        motion = Motion.unknown()
+        if old is not None and picture is newest:  # the image that was compared with the old keyframe last
+            motion = old.motion
+            state = motion.start.states[0]
+            motion.start.states = np.array([[0.0, 0.0, 0.0, state[DIRECTION] - state[YAW], state[CLIMB]]])
+        self._keyframe = Keyframe(picture, patches, tangents, patches.at, patches.at, motion)
+        return self._keyframe
+
+
+def _tracked(key: Keyframe, now: Picture, coarse: CoarseShift, projection: Projection) -> tuple[Tracks, float]:
+    """Corners found again, and how far their median has moved since the last image whose motion is known, columns.
+
+    They are sought where they were last, moved as the image seems to have rotated since.
+    """
+    turn = coarse.shift_px * projection.per_column
+    rotation = undo(turn, *_told_tilt(key.picture.strip, now.strip, turn)).T
+    predicted = projection.pixels(rotation @ key.tangents.ahead) - key.patches.centre
+    moved = predicted - key.predicted
+    guess = key.last + np.stack([signed(moved[:, 0], now.columns), moved[:, 1]], axis=1)
+    tracks = track(key.picture, key.patches, now, guess.astype(np.float32))
+    if now.clear is not None:
+        column, row = np.rint(tracks.at).astype(np.intp).T
+        tracks = tracks.some(now.clear[row, column % now.columns])
+    since = key.patches.at if key.motion.is_unknown else key.last
+    expected = coarse.shift_px if key.motion.is_unknown else 0
+    ways = signed(tracks.at[:, 0] - since[tracks.index, 0] - expected, now.columns) + expected
+    key.last, key.predicted = guess, predicted
+    key.last[tracks.index] = tracks.at
+    return tracks, quantile(ways, 0.5) if ways.size else 0.0
+
+
+def _told_tilt(reference: Strip, current: Strip, turn: float) -> tuple[float, float]:
+    """Tilt of the scene about x and y since the keyframe as an IMU tells, rad; none without one."""
+    if reference.up is None or current.up is None:
+        return 0.0, 0.0
+    return tilt_between(reference.up, current.up, turn)
+
+
+def _problem(key: Keyframe, tracks: Tracks, turned_px: float, projection: Projection, current: Strip) -> Problem:
+    """Ways of the corners, as directions, and what is known before they are asked."""
+    tangents = key.tangents.some(tracks.index)
+    seen = projection.directions(tracks.at + key.patches.centre[tracks.index])
+    start = key.motion.start.states[0].copy()
+    yaw = float(start[YAW]) + turned_px * projection.per_column
+    prior = np.array([yaw, *_told_tilt(key.picture.strip, current, yaw), 0.0, 0.0])
+    start[ROTATION] = prior[ROTATION]
+    precision = np.array([0.0, TILT_SIGMA**-2, TILT_SIGMA**-2, 0.0, CLIMB_SIGMA**-2])
+    moved = tangents.project(undo(*start[ROTATION]) @ seen)
+    right, mixed, down = tracks.noise * key.patches.covariance[tracks.index].T
+    column, row = np.hypot(*tangents.ahead[:2]) * projection.per_column, projection.per_row
+    floor = (FLOOR_PX * projection.per_column) ** 2
+    left, up = column**2 * right + floor, row**2 * down + floor
+    covariance = np.empty((2, len(left)), np.complex128)
+    covariance[:] = 0.5 * (left + up), 0.5 * (left - up) + 1j * column * row * mixed
+    return Problem(tangents, moved, start, covariance, prior, precision, projection.per_column)
+
+
+def _judged(key: Keyframe, tracks: Tracks, fit: Fit, problem: Problem, match: Match) -> Match:
+    """What the motion says of the turn, how far that can be trusted, and whether at all."""
+    px = problem.per_column
+    yaw, tilt_x, tilt_y = fit.states[0, ROTATION].tolist()
+    variance = yaw_variance(fit, tracks, key.motion.travels) / px**2
+    if not key.motion.travels:
+        variance += LOCK_PX**2
+    inliers, status = float(fit.inlier.sum()), match.status
+    if variance > UNRELATED_PX**2 or inliers < max(FEWEST, INLIERS * tracks.index.size):
+        status = CompassStatus.LOW_CONFIDENCE
+    # what a tilt has to do with the heading depends on how the camera leans (see `compass.attitude`)
+    lean = UNKNOWN_LEAN if key.picture.strip.up is None else LEAN_SIGMA
+    variance += (lean * math.hypot(tilt_x, tilt_y) / px) ** 2
+    return Match(wrap_angle(yaw) / px, variance, match.confidence, status, match.spread_px, (tilt_x, tilt_y))
+
+
+def _pure_turn(key: Keyframe, fit: Fit, problem: Problem, current: Strip, match: Match) -> Match | None:
+    """The same by all rows pooled, where the camera only turned and they agree with the corners; else None."""
+    px, tilt = problem.per_column, float(np.hypot(fit.states[0, TILT_X], fit.states[0, TILT_Y]))
+    if key.motion.travels or fit.inlier.mean() < PURE or tilt > LEVEL_PX * px:
+        return None
+    reference = key.picture.strip
+    peak, spectrum = pooled_turn(reference, current, match.shift_px)
+    if peak.curvature >= 0.0:  # pixels that were doubled have no maximum half a column off
+        return None
+    shift, variance = float(signed(peak.shift_px, reference.columns)), turn_variance(peak, spectrum, reference)
+    apart = float(signed(shift - match.shift_px, reference.columns))
+    # the edges of a mask stay where they are, and what has moved between, corners do without
+    if variance > match.variance_px2 or apart**2 > DISAGREE**2 * (variance + match.variance_px2):
+        return None
+    return replace(match, shift_px=shift, variance_px2=variance, tilt=(0.0, 0.0))

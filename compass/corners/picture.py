@@ -1,0 +1,69 @@
+"""A strip as corners are tracked in it: of one brightness and contrast, softened, wrapped round the circle."""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from compass.strip import Pixels, Strip
+
+Grey = npt.NDArray[np.uint8]
+
+HALF = 5  # pixels from the middle of a corner's patch to its edge
+MARGIN = 64  # columns of the other end on either side: a patch and the longest way of one fit
+CONTRAST, MIDDLE = 45.0, 115.0  # of every picture, so that few pixels of a scene leave 0..255
+# across neighbours, a deviation of 0.6 pixels: interpolation between sharp pixels pulls tracks to whole columns
+SOFT = cv2.getGaussianKernel(3, 0.6, cv2.CV_32F)
+
+
+class Picture:
+    """Grey values of a strip for tracking.
+
+    Parameters
+    ----------
+    strip : Strip
+        What it is made of.
+
+    Attributes
+    ----------
+    soft : (rows, columns + 2 * MARGIN) float32 array
+        Grey values of mean `MIDDLE` and deviation `CONTRAST`, whatever the exposure was.
+    """
+
+    def __init__(self, strip: Strip) -> None:
+        self.strip = strip
+        means = np.asarray(strip.means, np.float32)
+        gain = CONTRAST / max(float(np.sqrt(strip.contrast**2 + means.var())), 1.0)
+        grey = np.empty((len(strip.pixels), strip.columns + 2 * MARGIN), np.float32)
+        np.add(strip.pixels, means, out=grey[:, MARGIN:-MARGIN])
+        grey[:, :MARGIN], grey[:, -MARGIN:] = grey[:, -2 * MARGIN : -MARGIN], grey[:, MARGIN : 2 * MARGIN]
+        offset = MIDDLE - gain * float(means.mean())
+        self.soft: Pixels = np.asarray(cv2.sepFilter2D(grey, -1, gain * SOFT, SOFT, grey, delta=offset), np.float32)
+
+    @cached_property
+    def bytes(self) -> Grey:
+        """(rows, columns + 2 * MARGIN) uint8 array: `cv2.calcOpticalFlowPyrLK` takes no other."""
+        return np.asarray(cv2.convertScaleAbs(np.maximum(self.soft, np.float32(0.0))), np.uint8)
+
+    @property
+    def rows(self) -> int:
+        """Rows of the strip."""
+        return int(self.soft.shape[0])
+
+    @property
+    def columns(self) -> int:
+        """Columns of the full circle."""
+        return self.strip.columns
+
+    @cached_property
+    def clear(self) -> npt.NDArray[np.bool_] | None:
+        """(rows, columns) where the patch about a pixel shows nothing of the robot; None: everywhere."""
+        if self.strip.seen is None:
+            return None
+        robot = cv2.copyMakeBorder(1.0 - self.strip.seen.pixels, 0, 0, MARGIN, MARGIN, cv2.BORDER_WRAP)
+        size = 2 * (HALF + 3) + 1  # and of the blur and the interpolation
+        near = cv2.dilate(np.asarray(robot, np.float32), np.ones((size, size), np.uint8))
+        return np.asarray(near[:, MARGIN:-MARGIN] < 0.5)

@@ -1,0 +1,146 @@
+"""Corners of a keyframe: where they are, what surrounds them, and how well a shift of that can be told."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from compass.corners.picture import HALF, MARGIN, Picture
+from compass.strip import Pixels
+
+Floats = npt.NDArray[np.floating]
+
+SECTORS, PER_SECTOR = 32, 7  # corners are spread over the circle: the strongest of each sector
+WEAKEST = 3e-3  # smaller eigenvalue of a corner, of that of the strongest
+FLAT = 1e-2  # grey values^2 per pixel^2: keeps what has no gradient finite
+_OFFSETS = np.arange(-HALF, HALF + 1, dtype=np.float32)
+_SIDE = _OFFSETS.size
+ACROSS, DOWN = (one.ravel() for one in np.meshgrid(_OFFSETS, _OFFSETS))
+WINDOW = np.exp(-(ACROSS**2 + DOWN**2) / (2.0 * (0.6 * HALF) ** 2))
+WINDOW /= WINDOW.sum()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Patches:
+    """What surrounds n corners, and what a shift of it looks like.
+
+    Attributes
+    ----------
+    at : (n, 2) float32 array
+        Columns and rows of their middles in the strip.
+    values, contrast : (n, pixels) and (n,) arrays
+        Grey values without their weighted means, and their weighted root mean squares.
+    answer : (n, 2, pixels) array
+        How far to the right and down a patch has moved, pixels, per difference of its pixels from `values`.
+    covariance : (n, 3) array
+        Of that, for a noise of one grey value in weighted means: right-right, right-down, down-down, pixels^2.
+    centre : (n, 2) array
+        Where, from the middle, the texture is that tells the shift, pixels: a patch that grows moves as that does.
+    """
+
+    at: Pixels
+    values: Pixels
+    contrast: Pixels
+    answer: Pixels
+    covariance: Pixels
+    centre: Pixels
+
+    def __len__(self) -> int:
+        """How many corners."""
+        return len(self.at)
+
+
+def find_corners(picture: Picture) -> Pixels:
+    """(n, 2) columns and rows of the strongest corners of each sector (Shi & Tomasi 1994), clear of the robot.
+
+    They are sought at half the size, which costs a quarter: where exactly a patch is cut does not matter.
+    """
+    half = cv2.resize(picture.soft, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
+    strength = cv2.cornerMinEigenVal(half, HALF, ksize=3)
+    peak = strength >= cv2.dilate(strength, np.ones((3, 3), np.uint8))
+    row, column = np.nonzero(peak)
+    at = np.stack([2.0 * column - MARGIN, 2.0 * row], axis=1).astype(np.float32)
+    inside = (
+        (at[:, 0] >= 0.0) & (at[:, 0] < picture.columns) & (at[:, 1] > HALF + 2) & (at[:, 1] < picture.rows - HALF - 4)
+    )
+    if picture.clear is not None:
+        inside &= picture.clear[row.astype(np.intp) * 2, (at[:, 0].astype(np.intp)) % picture.columns]
+    at, strong = at[inside], strength[row, column][inside]
+    if not at.size:
+        return at
+    order = np.argsort(-strong)
+    order = order[strong[order] > WEAKEST * strong[order[0]]]
+    sector = (at[order, 0] * (SECTORS / picture.columns)).astype(np.intp)
+    grouped = np.argsort(sector, kind="stable")
+    first = np.searchsorted(sector[grouped], sector[grouped])
+    chosen: Pixels = at[order[grouped[np.arange(grouped.size) - first < PER_SECTOR]]]
+    return chosen
+
+
+def cut_patches(picture: Picture, at: Pixels) -> Patches:
+    """What surrounds corners at (n, 2) columns and rows of the strip."""
+    around = _windows(picture.soft, at.astype(np.intp), 1)
+    values, contrast = levelled(around[:, 1:-1, 1:-1].reshape(len(at), -1))
+    right, down = around[:, 1:-1, 2:] - around[:, 1:-1, :-2], around[:, 2:, 1:-1] - around[:, :-2, 1:-1]
+    right, down = (0.5 * one.reshape(len(at), -1) for one in (right, down))
+    slopes = np.stack([right, down], axis=1)
+    growing = right * ACROSS + down * DOWN
+    # a change of brightness or contrast is no shift: both are taken out of the slopes
+    slopes -= (slopes @ WINDOW)[..., None]
+    like = (slopes @ (values * WINDOW)[..., None])[..., 0] / (contrast**2)[:, None]
+    slopes -= like[..., None] * values[:, None]
+    weighed = slopes * WINDOW
+    information = weighed @ slopes.transpose(0, 2, 1) + np.float32(FLAT) * np.eye(2, dtype=np.float32)
+    inverse = np.linalg.inv(information)
+    answer = inverse @ weighed
+    centre = (answer @ growing[..., None])[..., 0]
+    return Patches(at, values, contrast, answer, inverse[:, [0, 0, 1], [0, 1, 1]], centre)
+
+
+def sample(pixels: Pixels, at: Pixels) -> Pixels:
+    """(n, pixels) grey values about (n, 2) columns and rows of the strip, interpolated.
+
+    By the six-point cubic convolution of Keys (1981, doi:10.1109/TASSP.1981.1163711): errors go with the fourth power
+    of a pixel. `cv2.remap` would be no quicker, and its cubic pulls a shift by up to 0.04 pixels to whole ones.
+    """
+    whole = np.floor(at).astype(np.intp)
+    across, down = _convolution(at - whole)
+    wide, count = _SIDE + 5, len(at)
+    # rows lie one after another, so that long stretches of memory are multiplied at once
+    flat = _windows(pixels, whole, 2, 3).reshape(count, -1)
+    rows = down[0] * flat[:, : _SIDE * wide]
+    for k in range(1, 6):
+        rows += down[k] * flat[:, k * wide : (k + _SIDE) * wide]
+    patches = np.empty((count, _SIDE * wide), np.float32)
+    end = _SIDE * wide - 5
+    np.multiply(across[0], rows[:, :end], out=patches[:, :end])
+    for k in range(1, 6):
+        patches[:, :end] += across[k] * rows[:, k : end + k]
+    return patches.reshape(count, _SIDE, wide)[:, :, :_SIDE].reshape(count, -1)
+
+
+def _windows(pixels: Pixels, whole: npt.NDArray[np.intp], before: int, after: int | None = None) -> Pixels:
+    """(n, rows, columns) patches about (n, 2) whole columns and rows, and so many pixels more on their sides."""
+    side = _SIDE + before + (before if after is None else after)
+    windows = np.lib.stride_tricks.sliding_window_view(pixels, (side, side))
+    row = np.clip(whole[:, 1] - HALF - before, 0, len(windows) - 1)
+    return np.asarray(windows[row, whole[:, 0] - HALF - before + MARGIN])
+
+
+def _convolution(part: Pixels) -> tuple[Pixels, Pixels]:
+    """(6, n, 1) weights of the columns and of the rows at (n, 2) parts of a pixel."""
+    s = np.abs(np.arange(-2, 4, dtype=np.float32)[:, None, None] - part)
+    inner = (4 / 3 * s - 7 / 3) * s * s + 1
+    middle = ((-7 / 12 * s + 3) * s - 59 / 12) * s + 5 / 2
+    outer = ((1 / 12 * s - 2 / 3) * s + 21 / 12) * s - 3 / 2
+    weights = np.where(s < 1, inner, np.where(s < 2, middle, outer)).astype(np.float32)
+    return weights[:, :, :1], weights[:, :, 1:]
+
+
+def levelled(patches: Pixels) -> tuple[Pixels, Pixels]:
+    """Patches without their weighted means, and (n,) their weighted root mean squares."""
+    patches = patches - (patches @ WINDOW)[:, None]
+    return patches, np.maximum(np.sqrt((patches * patches) @ WINDOW), np.float32(1e-3))

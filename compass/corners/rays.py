@@ -1,0 +1,109 @@
+"""Corners as directions on the sphere, and in the tangent planes there.
+
+In the gnomonic projection about a direction b great circles are straight lines: what was seen in b before the camera
+moved along t is afterwards seen on the line through b's image and t's, away from t, however far it moved.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from compass.corners.points import Floats
+from compass.strip import Strip
+
+Complexes = npt.NDArray[np.complexfloating]
+Index = npt.NDArray[np.intp]
+
+
+@dataclass(frozen=True, slots=True)
+class Projection:
+    """Columns and rows of a strip to directions: x ahead, y left, z up.
+
+    Attributes
+    ----------
+    per_column, per_row : float
+        rad.
+    forward : float
+        Column that looks along +x.
+    top : float
+        Elevation of the strip's upper edge, rad.
+    """
+
+    per_column: float
+    per_row: float
+    forward: float
+    top: float
+
+    @staticmethod
+    def of(strip: Strip, forward_px: float) -> Projection:
+        """Of a strip, whose column `forward_px` looks along +x."""
+        return Projection(math.tau / strip.columns, strip.row_height, forward_px, strip.top)
+
+    def angles(self, at: Floats) -> tuple[Floats, Floats]:
+        """Azimuths to the left and elevations, rad, of (n, 2) columns and rows."""
+        return -self.per_column * (at[:, 0] + 0.5 - self.forward), self.top - self.per_row * (at[:, 1] + 0.5)
+
+    def directions(self, at: Floats) -> Floats:
+        """(3, n) unit vectors towards (n, 2) columns and rows."""
+        azimuth, elevation = self.angles(at)
+        level = np.cos(elevation)
+        return np.stack([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)])
+
+    def pixels(self, directions: Floats) -> Floats:
+        """(n, 2) columns and rows of (3, n) vectors of unit length."""
+        x, y, z = directions
+        column = self.forward - 0.5 - np.arctan2(y, x) / self.per_column
+        return np.stack([column, (self.top - np.arcsin(np.clip(z, -1.0, 1.0))) / self.per_row - 0.5], axis=1)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Tangents:
+    """Tangent planes at n directions, as complex planes: left is real, up imaginary.
+
+    Attributes
+    ----------
+    ahead : (3, n) array
+        Unit vectors, the directions themselves.
+    axes : (3, n) complex array
+        Their planes' axes: ``vector @ axes`` is what a vector has to the left and up.
+    rotating : (3, n) complex array
+        How far a direction moves, rad per rad, when the rotation that undoes yaw, and tilt about x and y, is changed:
+        see `undo`.
+    """
+
+    ahead: Floats
+    axes: Complexes
+    rotating: Complexes
+
+    @staticmethod
+    def at(directions: Floats) -> Tangents:
+        """At (3, n) unit vectors, none of them straight up or down."""
+        x, y, z = directions
+        level = np.hypot(x, y)
+        axes = np.stack([-y - 1j * z * x, x - 1j * z * y, 1j * level * level]) / level
+        about = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])  # undoing a tilt rotates the other way
+        turned = np.cross(about[:, None], directions.T)
+        return Tangents(directions, axes, np.einsum("qnc,cn->qn", turned, axes))
+
+    def some(self, index: Index | slice) -> Tangents:
+        """Those of an index or a slice."""
+        return Tangents(self.ahead[:, index], self.axes[:, index], self.rotating[:, index])
+
+    def project(self, directions: Floats) -> Complexes:
+        """(n,) gnomonic images of (3, n) vectors near the planes' directions."""
+        depth = np.maximum((directions * self.ahead).sum(axis=0), 0.1)
+        image: Complexes = (directions * self.axes).sum(axis=0) / depth
+        return image
+
+
+def undo(yaw: float, tilt_x: float, tilt_y: float) -> Floats:
+    """(3, 3) rotation that brings what is seen back to before the scene tilted about x and y and the camera turned."""
+    cosine, sine = math.cos(yaw), math.sin(yaw)
+    about_z = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
+    untilt: Floats = np.asarray(cv2.Rodrigues(np.array([-tilt_x, -tilt_y, 0.0]))[0]) @ about_z
+    return untilt

@@ -1,0 +1,232 @@
+"""Rotation and travel from tracked corners: the mode of their posterior, by Gauss-Newton inside EM.
+
+What a corner has moved by, once the rotation is undone, is split along and across its epipolar line. Across it there is
+noise; along it noise and a parallax that is never negative (see `density`); or the corner is an outlier. Noise is
+Student's t: each corner's own scale is told by its residual across, where no prior touches it, and so is the scale that
+all share. Which component a corner belongs to, and both scales, are the hidden variables of the EM algorithm (Dempster,
+Laird & Rubin 1977; for the t, Lange, Little & Taylor 1989, doi:10.1080/01621459.1989.10478852).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from compass.corners.density import exponentially_modified
+from compass.corners.points import Floats
+from compass.corners.rays import Complexes, Tangents
+
+YAW, TILT_X, TILT_Y, DIRECTION, CLIMB = range(5)
+ROTATION = slice(0, 3)
+FREEDOM = 3.0  # degrees of freedom of the t: 2 to 5 differ by a tenth in the yaw's RMS over a drive
+MEANS_PX = np.array([0.16, 0.64, 2.56, 10.24])  # of the parallaxes, columns: from what noise hides to a keyframe's end
+FAR, OUTLIER = 0, MEANS_PX.size + 1  # components of the mixture: no parallax, and none of all
+SPREAD_PX = 20.0  # to either side, over which outliers lie evenly
+PSEUDO_COUNT = 1.0  # corners of each component beforehand: a flat Dirichlet prior
+STEP = np.array([0.05, 0.03, 0.03, 0.6, 0.1])  # rad, longest of each of the state in one round
+ROUNDING = 1e-3  # rad^-2, keeps what nothing tells from being singular
+AHEAD = 0.02  # sine of the angle from the travel below which a corner's epipolar line is not known
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Problem:
+    """n corners of one image, in the tangent planes of the keyframe's.
+
+    Attributes
+    ----------
+    tangents : Tangents
+        At the keyframe's directions.
+    moved : (n,) complex array
+        Where they are seen once the rotation of `start` is undone, rad.
+    start : (5,) array
+        Yaw, tilt about x and y, direction of travel, climb, rad.
+    covariance : (2, n) complex array
+        Of `moved`: mean of the variances to the left and up, and half of the first less the second plus i times their
+        covariance, rad^2, but for a factor that all share.
+    prior_mean, prior_precision : (5,) arrays
+        Of the state, rad and rad^-2.
+    per_column : float
+        rad.
+    """
+
+    tangents: Tangents
+    moved: Complexes
+    start: Floats
+    covariance: Complexes
+    prior_mean: Floats
+    prior_precision: Floats
+    per_column: float
+
+    @property
+    def means(self) -> Floats:
+        """(exponentials, 1, 1) mean parallaxes abeam, rad."""
+        return (MEANS_PX * self.per_column)[:, None, None]
+
+    def thinned(self, step: int) -> Problem:
+        """The same with every `step`-th corner."""
+        some = slice(None, None, step)
+        tangents, moved, covariance = self.tangents.some(some), self.moved[some], self.covariance[:, some]
+        return replace(self, tangents=tangents, moved=moved, covariance=covariance)
+
+
+@dataclass(slots=True, eq=False)
+class Start:
+    """What k ascents start from; arrays with k in front.
+
+    Attributes
+    ----------
+    states : (k, 5) array
+        As `Problem.start`.
+    shares : (k, components) array
+        Of the mixture.
+    noise : (k,) array
+        Factor by which the covariances have to be multiplied.
+    """
+
+    states: Floats
+    shares: Floats
+    noise: Floats
+
+    def only(self, index: int) -> Start:
+        """One of them."""
+        one = slice(index, index + 1)
+        return Start(self.states[one], self.shares[one], self.noise[one])
+
+
+@dataclass(slots=True, eq=False)
+class Fit(Start):
+    """What they came to.
+
+    Attributes
+    ----------
+    log_posterior : (k,) array
+        At the states, but for a constant.
+    precision : (k, 5, 5) array
+        Its negative curvature there, rad^-2.
+    slopes : (k, 5, n) array
+        Of each corner's share of it, 1/rad.
+    inlier : (k, n) array
+        Probability of being none of the outliers.
+    off : (k, n) complex array
+        Residuals to the left and up, rad.
+    along, sigma : (k, n) arrays
+        Residuals along the epipolar lines, and their noise's standard deviations, rad.
+    doubt : float
+        Variance of the yaw that other motions leave, rad^2.
+    """
+
+    log_posterior: Floats
+    precision: Floats
+    slopes: Floats
+    inlier: Floats
+    off: Complexes
+    along: Floats
+    sigma: Floats
+    doubt: float = 0.0
+
+
+def even_shares(pushed: bool = True) -> Floats:
+    """(1, components) nothing known of the mixture."""
+    count = OUTLIER + 1 if pushed else 2
+    return np.full((1, count), 1.0 / count)
+
+
+def ascend(problem: Problem, start: Start, extra: Floats, pushed: bool = True) -> Fit:
+    """Follow the posterior upwards from each of some states.
+
+    Parameters
+    ----------
+    start : Start
+        States, shares and noise to begin with.
+    extra : (rounds,) array
+        Deviation that is added to the noise in each round, rad: wide at first, so that a far start is not lost.
+    pushed : bool
+        Whether there are parallaxes; else direction of travel and climb stay as they are, and `shares` are those of
+        no parallax and of outliers.
+    """
+    states, shares, noise = start.states, start.shares, start.noise
+    uniform = 2.0 * math.pi / (2.0 * SPREAD_PX * problem.per_column) ** 2
+    diagonal = problem.prior_precision + ROUNDING
+    for beyond in (*(extra * extra).tolist(), None):
+        lines = _Lines(problem, states)
+        var_along, var_across = lines.variances(problem, noise)
+        if beyond:
+            var_along, var_across = var_along + beyond, var_across + beyond
+        ratio = lines.across**2 / var_across
+        scale = (FREEDOM + 1.0) / (FREEDOM + ratio)  # of the corner's own precision
+        var_along = var_along / scale
+        sigma = np.sqrt(var_along)
+        scaled = lines.along / sigma
+        common = scale ** (0.5 * (FREEDOM + 1.0)) / (sigma * np.sqrt(var_across))
+        far = np.exp(-0.5 * scaled * scaled) * (common * shares[:, :1])
+        outlier = uniform * shares[:, -1:]
+        total = far + outlier
+        if pushed:
+            density, slope, bend = exponentially_modified(scaled, sigma / (lines.length * problem.means))
+            near = density * (common * shares.T[1:-1, :, None])
+            total = total + near.sum(axis=0)
+        outlier = outlier / total
+        pull, along = -far * scaled, far
+        if pushed:
+            pull, along = pull + (near * slope).sum(axis=0), along + (near * bend).sum(axis=0)
+        inlier = 1.0 - outlier
+        across = inlier * scale / var_across
+        jacobian = lines.jacobian(problem, pushed)
+        forces = _interleaved(pull / (total * sigma), -across * lines.across)
+        weighed = jacobian * _interleaved(along / (total * var_along), across)[:, None]
+        # what is not known of the corners' own scales takes its share of the information (Lange et al. 1989)
+        precision = (FREEDOM + 1.0) / (FREEDOM + 3.0) * (weighed @ jacobian.transpose(0, 2, 1))
+        precision[:, range(5), range(5)] += diagonal
+        if beyond is None:
+            break
+        gradient = (jacobian @ forces[..., None])[..., 0] - problem.prior_precision * (states - problem.prior_mean)
+        states = states + np.clip(np.linalg.solve(precision, gradient[..., None])[..., 0], -STEP, STEP)
+        parts = [far / total, *near / total, outlier] if pushed else [far / total, outlier]
+        shares = np.stack([part.sum(axis=1) for part in parts], axis=1) + PSEUDO_COUNT
+        shares /= shares.sum(axis=1, keepdims=True)
+        if not beyond:
+            free = 5.0 if pushed else 3.0
+            noise = noise * (inlier * scale * ratio).sum(axis=1) / np.maximum(inlier.sum(axis=1) - free, 1.0)
+    log_posterior = np.log(total).sum(axis=1)
+    log_posterior -= 0.5 * (problem.prior_precision * (states - problem.prior_mean) ** 2).sum(axis=1)
+    slopes = (jacobian * forces[:, None]).reshape(len(states), 5, -1, 2).sum(axis=3)
+    return Fit(states, shares, noise, log_posterior, precision, slopes, inlier, lines.off, lines.along, sigma)
+
+
+def _interleaved(along: Floats, across: Floats) -> Floats:
+    """(k, 2 n) of two (k, n) arrays, in turn."""
+    both: Floats = np.stack([along, across], axis=2).reshape(len(along), -1)
+    return both
+
+
+class _Lines:
+    """Epipolar lines of n corners for k states, and the residuals along and across them, (k, n) arrays."""
+
+    def __init__(self, problem: Problem, states: Floats) -> None:
+        self.off = (states - problem.start)[:, ROTATION] @ problem.tangents.rotating + problem.moved
+        direction, climb = states[:, DIRECTION], states[:, CLIMB]
+        sine, cosine, level, rise = np.sin(direction), np.cos(direction), np.cos(climb), np.sin(climb)
+        travel = np.array([cosine * level, sine * level, rise]).T
+        self._changes = np.array([[-sine * level, cosine * level, 0.0 * rise], [-cosine * rise, -sine * rise, level]])
+        self._travel = travel @ problem.tangents.axes
+        self.length = np.maximum(np.abs(self._travel), AHEAD)
+        self._back = -self._travel.conj() / self.length  # turns what lies away from the travel to the real axis
+        self._residual = self.off * self._back
+        self.along, self.across = self._residual.real, self._residual.imag
+
+    def variances(self, problem: Problem, noise: Floats) -> tuple[Floats, Floats]:
+        """(k, n) variances along and across."""
+        mean, excess = problem.covariance
+        excess = (excess * self._back * self._back).real
+        return noise[:, None] * (mean.real + excess), noise[:, None] * (mean.real - excess)
+
+    def jacobian(self, problem: Problem, pushed: bool) -> Floats:
+        """(k, 5, 2 n) change of the residuals along and across, in turn, with the state."""
+        jacobian = np.zeros((len(self.along), 5, self.along.shape[1]), np.complex128)
+        jacobian[:, ROTATION] = problem.tangents.rotating * self._back[:, None]
+        if pushed:
+            swing = (self._changes.transpose(2, 0, 1) @ problem.tangents.axes) * (self._back / -self.length)[:, None]
+            jacobian[:, DIRECTION:] = -1j * self._residual[:, None] * swing.imag  # rad by which the lines turn
+        return jacobian.view(np.float64)

@@ -1,0 +1,109 @@
+"""Corners of a keyframe found again in another image: pyramidal Lucas-Kanade, then a finer alignment.
+
+`cv2.calcOpticalFlowPyrLK` finds them to a twentieth of a pixel; its bilinear interpolation pulls to whole columns. The
+rest is the inverse compositional algorithm (Baker & Matthews 2004, doi:10.1023/B:VISI.0000011205.11775.fd) with cubic
+interpolation, each patch's brightness and contrast left free.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from compass.corners.picture import HALF, MARGIN, Picture
+from compass.corners.points import WINDOW, Patches, levelled, sample
+from compass.strip import Pixels
+
+Index = npt.NDArray[np.intp]
+
+LEVELS, FAR_LEVELS = 1, 3  # of the pyramid above the picture itself: at first, and where too little is found with them
+ENOUGH = 0.7  # of the corners
+ROUNDS = 2  # of the finer alignment
+FARTHEST = 1.0  # pixels by which it may move a track in all
+STOP = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 10, 0.03)
+# Pixels from where a corner is expected to where it may be: a patch there, what its interpolation needs round it, and
+# what the finer alignment adds lie within the picture's margin.
+REACH = MARGIN - HALF - 4 - FARTHEST
+ALIKE = 0.8  # normalised correlation of a patch with what it is found as
+WINDOWED = float(WINDOW @ WINDOW)  # variance of a weighted mean of pixels, of that of one
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Tracks:
+    """Where n corners of the keyframe are in another image.
+
+    Attributes
+    ----------
+    index : (n,) array
+        Which of the keyframe's.
+    at : (n, 2) float32 array
+        Columns and rows.
+    noise : (n,) array
+        Variance of a patch's weighted mean from what is left of the difference, grey values^2.
+    likeness : (n,) array
+        Normalised correlation of the patches, -1..1.
+    columns : int
+        Of the full circle.
+    """
+
+    index: Index
+    at: Pixels
+    noise: Pixels
+    likeness: Pixels
+    columns: int
+
+    def some(self, which: npt.NDArray[np.bool_]) -> Tracks:
+        """Those that are wanted."""
+        return Tracks(self.index[which], self.at[which], self.noise[which], self.likeness[which], self.columns)
+
+
+def track(before: Picture, patches: Patches, now: Picture, guess: Pixels) -> Tracks:
+    """Find corners again.
+
+    Parameters
+    ----------
+    before, now : Picture
+        Keyframe and current image.
+    patches : Patches
+        Of all the keyframe's corners.
+    guess : (n, 2) float32 array
+        Columns and rows where they are expected, to some pixels.
+    """
+    tracks = _tracked(before, patches, now, guess, LEVELS)
+    if tracks.index.size < ENOUGH * len(patches):
+        farther = _tracked(before, patches, now, guess, FAR_LEVELS)
+        tracks = farther if farther.index.size > tracks.index.size else tracks
+    return tracks
+
+
+def _tracked(before: Picture, patches: Patches, now: Picture, guess: Pixels, levels: int) -> Tracks:
+    start = guess + np.array([MARGIN, 0.0], np.float32)
+    start[:, 0] = (guess[:, 0] % now.columns) + MARGIN
+    rough, found, _ = cv2.calcOpticalFlowPyrLK(
+        before.bytes,
+        now.bytes,
+        patches.at + np.array([MARGIN, 0.0], np.float32),
+        start.copy(),
+        winSize=(2 * HALF + 1, 2 * HALF + 1),
+        maxLevel=levels,
+        flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
+        criteria=STOP,
+    )
+    near = np.abs(rough - start).max(axis=1) < REACH
+    whole = (rough[:, 1] >= HALF) & (rough[:, 1] < now.rows - HALF)
+    index = np.flatnonzero(found[:, 0].astype(bool) & near & whole)
+    rough = np.asarray(rough[index], np.float32) - np.array([MARGIN, 0.0], np.float32)
+    values, contrast, answer = patches.values[index], patches.contrast[index], patches.answer[index]
+    at = rough
+    likeness = np.zeros(len(at), np.float32)
+    for _ in range(ROUNDS):
+        seen, bright = levelled(sample(now.soft, at))
+        likeness = (seen * values) @ WINDOW / (contrast * bright)
+        seen *= (contrast / bright)[:, None]
+        moved = (answer @ (seen - values)[..., None])[..., 0]
+        at = np.clip(at - moved, rough - FARTHEST, rough + FARTHEST)
+    noise = contrast**2 * np.maximum(1.0 - likeness**2, 1e-5) * WINDOWED
+    return Tracks(index, at, noise, likeness, now.columns).some(likeness > ALIKE)
