@@ -56,7 +56,7 @@ class FusionConfig(ParameterSet):
         low=0.0, high=1.0,
     )  # fmt: skip
     gyro_scale_sigma: float = parameter(
-        0.01, "error of the gyro's scale factor to expect, standard deviation", low=0.0, high=0.5
+        0.008, "error of the gyro's scale factor to expect, standard deviation", low=0.0, high=0.5
     )
     odometry: str = parameter(
         "pose",

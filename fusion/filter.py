@@ -133,9 +133,10 @@ class YawFilter:
     def lost(self, state: FilterState, variance: float) -> FilterState:
         """A start from the yaw of a state, to which `variance`, rad^2, is added: it may have turned unseen."""
         x, P = self.start.x.copy(), self.start.P.copy()
-        x[YAWS] = float(state.x[State.YAW])
+        yaw = float(believed(state)[0][State.YAW]) + state.held_back
+        x[YAWS] = yaw
         P[np.ix_(YAWS, YAWS)] = float(state.P[State.YAW, State.YAW]) + variance
-        return replace(self.start, x=x, P=P)
+        return replace(self.start, x=x, P=P, told_yaw=yaw)
 
     def predicted(self, state: FilterState, t_ns: int) -> FilterState:
         """State at `t_ns`, ns, given that nothing was measured since; `state` itself where that is no later.

@@ -28,14 +28,24 @@ class Voice:
     pauses: deque[tuple[int, int]] = field(default_factory=lambda: deque(maxlen=STEADY))
 
     def hear(self, t_ns: int) -> None:
-        """Take in a stamp; an older one than the newest says nothing new."""
+        """Take in a stamp; one that comes late may fall into what seemed to be a pause."""
         gap_ns = t_ns - self.newest_ns
         if gap_ns <= 0:
+            self._split(t_ns)
             return
         if len(self.gaps) >= FEWEST and gap_ns > MISSING * median(self.gaps):
             self.pauses.append((self.newest_ns, t_ns))
         self.gaps.append(gap_ns)
         self.newest_ns = t_ns
+
+    def _split(self, t_ns: int) -> None:
+        """Keep what is left of the pause around a stamp."""
+        for pause in self.pauses:
+            if pause[0] < t_ns < pause[1]:
+                parts = (pause[0], t_ns), (t_ns, pause[1])
+                left = [part for part in parts if part[1] - part[0] > MISSING * median(self.gaps)]
+                self.pauses = deque([*(one for one in self.pauses if one != pause), *left], maxlen=STEADY)
+                return
 
     def longest_ns(self) -> int:
         """How long it may say nothing."""
