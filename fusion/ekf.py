@@ -28,7 +28,7 @@ CLONES = 5  # two images and a keyframe; two views some seconds apart
 LASTING = 0.5  # share of an increment's variance that is taken to last beyond it, of one from the keyframe at most
 CREEP_RATE = 5e-4  # rad/s, slower than standstill can be told from
 DELAY_WALK = 0.2  # 1/sqrt(s), wander of the camera's delay for what its stamps stray by
-LEAST_OTHERS = 0.05  # share of an innovation's variance that is no slip, at least
+LEAST_OTHERS = 0.05  # share of an innovation's variance that is no slip, at least: what correlations hide of it
 STILL_TURN = 1e-5  # rad, what standing still leaves of a turn
 
 
