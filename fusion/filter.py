@@ -15,7 +15,7 @@ from compass import YawIncrement, wrap_angle
 from compass.attitude import beyond_error
 from fusion.agreement import Agreement
 from fusion.checks.comparison import Comparison
-from fusion.checks.turns import WINDOW_NS
+from fusion.checks.turns import FASTEST, WINDOW_NS
 from fusion.clones import Clone
 from fusion.config import FusionConfig
 from fusion.ekf import YAWS, Correction, Measurement, State, Transition, YawEkf
@@ -91,6 +91,8 @@ class YawFilter:
             if before.scale_variance > 0.0:
                 ekf.widen(State.YAW, before.scale_variance)
             self._fuse_increment(state, event)
+            if state.turns.start_ns == event.t_ns != before.turns.start_ns:
+                state.turns = replace(state.turns, corrected=float(ekf.x[State.YAW]) - state.turns.start.yaw)
         elif isinstance(event, HeadingEvent):
             ekf.turn_frame(event.heading, event.variance)
             state.told_yaw = float(ekf.x[State.YAW])
@@ -106,6 +108,11 @@ class YawFilter:
             state.held_back = 0.0
         elif state.stillness.standing and before.t_ns is not None:
             state.held_back -= float(believed(state)[0][State.YAW] - believed(before)[0][State.YAW])
+        left = before.believes(Sensor.TRACKS) and not state.believes(Sensor.TRACKS)
+        if before.unconfirmed is not None and before.unconfirmed.tracks is not None and left:
+            # who contradicted says no more: it is known for good how little is known
+            ekf.widen_frame(before.unconfirmed_variance)
+            state.P, state.unconfirmed = ekf.P, state.confirmed(self.config.initial_rate_sigma)
         self._confirm(state, event)
         return state
 
@@ -113,19 +120,24 @@ class YawFilter:
         """Note whether two sensors agree on the yaw, or who has spoken since they did."""
         gate, unconfirmed, agreed = state.gates[Sensor.COMPASS], state.unconfirmed, isinstance(event, HeadingEvent)
         refused = gate.rejecting_since_ns is not None
-        if isinstance(event, CompassEvent) and gate.accepted_ns == event.t_ns and gate.report:
+        window_over = state.turns.start_ns == event.t_ns
+        if unconfirmed is not None and window_over:
+            unconfirmed = unconfirmed.with_window(state.isolation.last)
+        if state.only_tracks_watch and unconfirmed is not None:
+            agreed = agreed or (window_over and not refused and unconfirmed.agrees(state.belief))
+        elif isinstance(event, CompassEvent) and gate.accepted_ns == event.t_ns and gate.report:
             off, variance = gate.report.innovation, event.sample.variance
             agreed = unconfirmed is None or unconfirmed.confirmed_by(off, variance, state.belief)
-        elif state.turns.start_ns == event.t_ns:  # a window is over
+        elif window_over:
             agreed = not refused or state.isolation.contradicted
             if unconfirmed and not state.hears(Sensor.COMPASS):
-                agreed = unconfirmed.agrees(state.belief, state.isolation.last)
+                agreed = unconfirmed.agrees(state.belief)
         if agreed and (unconfirmed is not None or sum(map(state.hears, Sensor)) > 1):
             unconfirmed = state.confirmed(self.config.initial_rate_sigma)
         elif unconfirmed is not None and isinstance(event, TracksEvent):
             unconfirmed = unconfirmed.with_tracks(event.sample)
         if unconfirmed is not None and isinstance(event, CompassEvent):
-            unconfirmed = unconfirmed.with_image(event.t_ns)
+            unconfirmed = unconfirmed.with_image(state.belief, accepted=gate.accepted_ns == event.t_ns)
         if unconfirmed is not None and state.is_blind(refused=refused):
             unconfirmed = unconfirmed.blind(event.t_ns)
         state.unconfirmed = unconfirmed
@@ -237,6 +249,8 @@ class YawFilter:
             return
         state.turns = state.turns.with_gyro(sample)
         variance = self._gyro_sigma(state, sample) ** 2
+        if abs(sample.yaw_rate) > FASTEST:
+            return
         measurement = self._ekf.gyro(sample.yaw_rate, variance, scale_told=state.hears(Sensor.COMPASS))
         S = self._ekf.innovation_variance(measurement)
         prior, accepted_ns = S - measurement.R, refused.accepted_ns
@@ -350,7 +364,7 @@ class YawFilter:
         """Pass a measurement through its gate and fuse it if accepted."""
         S = self._ekf.innovation_variance(measurement)
         limit, recovery_ns = self._limit, self._recovery_ns[sensor]
-        if state.isolation.excludes(sensor):
+        if state.isolation.excludes(sensor) or (sensor is Sensor.TRACKS and state.isolation.doubt(sensor)):
             limit, recovery_ns = -1.0, FOREVER_NS
         gate = state.gates[sensor].judge(state.t_ns or 0, measurement.innovation, S, limit, recovery_ns)
         state.gates = {**state.gates, sensor: gate}

@@ -10,7 +10,7 @@ import numpy as np
 from fusion.agreement import Agreement
 from fusion.checks.isolation import DOUBT, Isolation
 from fusion.checks.refusal import Refusal
-from fusion.checks.turns import SAME_NUMBER, Turns
+from fusion.checks.turns import COMPASS_SILENT_NS, SAME_NUMBER, Turns
 from fusion.checks.unconfirmed import Belief, TracksSince, Unconfirmed
 from fusion.checks.warnings import Warning
 from fusion.clones import Clones
@@ -130,13 +130,25 @@ class FilterState:
     def confirmed(self, rate_sigma: float) -> Unconfirmed:
         """Two sensors agree; `rate_sigma`: of a turn rate that nobody measures, rad/s."""
         slipping = self.gates[Sensor.TRACKS].rejecting_since_ns is not None and self.hears(Sensor.COMPASS)
-        slipping = slipping and not self.isolation.contradicted
-        witness = self.believes(Sensor.GYRO) and self.believes(Sensor.TRACKS) and not slipping
+        slipping = slipping and self.believes(Sensor.GYRO) and not self.isolation.contradicted
+        witness = self.believes(Sensor.TRACKS) and (self.believes(Sensor.GYRO) or self.only_tracks_watch)
         t_ns = self.t_ns or 0
-        claims = TracksSince.begin(self.tracks.last, t_ns) if witness and self.tracks else None
+        claims = TracksSince.begin(self.tracks.last, t_ns) if witness and not slipping and self.tracks else None
         if self.unconfirmed is None:
             return Unconfirmed(self.belief, rate_sigma, claims)
-        return replace(self.unconfirmed, since=self.belief, tracks=claims, blind_ns=None)
+        return replace(self.unconfirmed, since=self.belief, tracks=claims, blind_ns=None, noise=0.0)
+
+    @property
+    def only_tracks_watch(self) -> bool:
+        """Whether nobody but the tracks can contradict the images."""
+        return self.believes(Sensor.TRACKS) and self.hears(Sensor.COMPASS) and not self.believes(Sensor.GYRO)
+
+    @property
+    def unconfirmed_variance(self) -> float:
+        """What the yaw owes to one sensor only, rad^2."""
+        if self.unconfirmed is None:
+            return 0.0
+        return self.unconfirmed.variance(self.belief, images=self.only_tracks_watch) + self.against_tracks
 
     def is_blind(self, *, refused: bool) -> bool:
         """Whether no gyro and no compass can be believed to measure the turn rate; `refused`: the last image was.
@@ -168,7 +180,9 @@ class FilterState:
     def hears(self, sensor: Sensor) -> bool:
         """Whether a sensor has measured the turning lately."""
         t_ns = self.gates[sensor].accepted_ns
-        return t_ns is not None and (self.t_ns or 0) - t_ns <= SILENT_NS
+        silent_ns = COMPASS_SILENT_NS if sensor is Sensor.COMPASS else SILENT_NS
+        lately = t_ns is not None and (self.t_ns or 0) - t_ns <= silent_ns
+        return lately and not self.isolation.excludes(sensor)
 
 
 def exposure_of(state: FilterState, ekf: YawEkf) -> Exposure:
@@ -201,7 +215,7 @@ def estimate_of(state: FilterState) -> YawEstimate | None:
         + state.held_back**2
         + state.scale_variance
         + state.isolation.variance(state.t_ns)
-        + (state.unconfirmed.variance(state.belief) + state.against_tracks if state.unconfirmed else 0.0)
+        + state.unconfirmed_variance
         + (state.refusal.variance if state.refusal else 0.0),
         yaw_rate=rate,
         yaw_rate_variance=float(P[State.RATE, State.RATE]) + (HIDDEN_RATE**2 if standing else 0.0),

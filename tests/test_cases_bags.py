@@ -197,10 +197,7 @@ SITUATIONS = {
 
 # What fails today, and how far off it is; run all the same. Whoever mends one takes it out of here.
 PENDING: dict[str, str] = {
-    "gyro in deg/s, with tracks": "off by -5375 deg, sigma 210, says gyro_units; only tracks contradict",
     "IMU half a second late": "off by -0.15 deg, sigma 13.4: without the gyro the end is predicted",
-    "two halves side by side": "off by 25 deg, sigma 3.4, not_full_circle: moved as the compass recovers",
-    "gyro hangs at one number": "off by -0.01 deg, sigma 0.02, called a bias",
     "gyro hangs at one number, with camera": "off by 1.5 deg, sigma 68, called a scale",
     "gyro hangs at one number, with tracks": "off by 351 deg, sigma 127, blames the odometry",
     "gyro at its end stop": "off by -0.46 deg, sigma 15.8",

@@ -20,18 +20,28 @@ def gyro_claim(turns: Turns, start_ns: int, t_ns: int, config: FusionConfig) -> 
     return Claim(turn, math.hypot(noise, known.bias_sigma * seconds), known.gyro_scale_sigma / gain)
 
 
-def tracks_claim(turns: Turns, start_ns: int, t_ns: int, config: FusionConfig) -> Claim | None:
-    """By how much the robot turned as the tracks say; None where they did not measure all of it."""
+def tracks_claim(
+    turns: Turns, start_ns: int, t_ns: int, config: FusionConfig, slip_turn: float = 1.0, slip_speed: float = 1.0
+) -> Claim | None:
+    """By how much the robot turned as the tracks say; None where they did not measure all of it.
+
+    `slip_turn` and `slip_speed`: by what factors they slip more than configured, squared. They are learnt of what is
+    believed, and a sensor that errs is believed at first: where they are more than one they do not count.
+    """
     tracks, scale, seconds = turns.tracks, turns.start.scale, (t_ns - start_ns) * 1e-9
     if tracks is None or not tracks.spans(start_ns, t_ns):
         return None
     claimed = tracks.turn_until(t_ns)
     if abs(claimed) <= CREEP_RATE * seconds and tracks.distance <= CREEP * seconds:
         return Claim(claimed / scale, CREEP_RATE * seconds)
-    noise = math.hypot(
-        config.track_noise * math.sqrt(seconds),
-        config.track_slip_turn * claimed,
-        (config.track_slip_speed + config.veer_sigma) * tracks.distance,
-        config.track_timing * (tracks.rate - tracks.start_rate),
+    timing = config.track_timing * (tracks.rate - tracks.start_rate)
+    learnt, worst = (
+        math.hypot(
+            config.track_noise * math.sqrt(seconds * by_speed),
+            config.track_slip_turn * math.sqrt(by_turn) * claimed,
+            (config.track_slip_speed * math.sqrt(by_speed) + config.veer_sigma) * tracks.distance,
+            timing,
+        )
+        for by_turn, by_speed in ((min(slip_turn, 1.0), min(slip_speed, 1.0)), (1.0, 1.0))
     )
-    return Claim(claimed / scale, noise / scale, turns.start.scale_sigma / scale)
+    return Claim(claimed / scale, learnt / scale, turns.start.scale_sigma / scale, worst / scale)

@@ -11,7 +11,7 @@ from fusion.checks.explain import warnings_of
 from fusion.checks.isolation import DOUBT, DOUBT_FOUND_AGAIN, Doubt, Remedy
 from fusion.checks.judge import judge
 from fusion.checks.refusal import Refusal
-from fusion.checks.turns import LONGEST_WINDOW_NS, SAME_NUMBER, Claim, Start, Window
+from fusion.checks.turns import BEYOND, LONGEST_WINDOW_NS, SAME_NUMBER, Claim, Start, Window
 from fusion.config import FusionConfig
 from fusion.ekf import Measurement, State, YawEkf
 from fusion.events import Sensor
@@ -105,18 +105,21 @@ class Comparison:
         """What each sensor says of the window that ends now, calibrated as known at its beginning."""
         x, turns, t_ns = self._ekf.x, state.turns, state.t_ns or 0
         compass = turns.compass
+        slip = state.slip_turn.variance, state.slip_speed.variance
         seen = Claim(compass.turn, math.sqrt(compass.turn_variance)) if compass and compass.t_ns == t_ns else None
         repeats = turns.gyro is not None and turns.gyro.repeats >= max(turns.gyro.count, SAME_NUMBER)
         return Window(
             start_ns,
             t_ns,
             gyro_claim(turns, start_ns, t_ns, self._config),
-            tracks_claim(turns, start_ns, t_ns, self._config),
+            tracks_claim(turns, start_ns, t_ns, self._config, *slip),
             seen,
             float(x[State.YAW]) - turns.start.yaw,
             repeats,
             state.track_voice.pose or state.track_voice.twist,
             float(x[State.RATE]) - turns.start.rate,
+            turns.gyro is not None and BEYOND * turns.gyro.beyond >= max(turns.gyro.count, BEYOND),
+            turns.corrected,
         )
 
     def note_refusal(
@@ -156,10 +159,10 @@ class Comparison:
                 ekf.widen_frame(DOUBT_FOUND_AGAIN * off**2)
         else:
             ekf.widen_frame(DOUBT[Sensor.COMPASS] * off**2)
+            ekf.widen(State.CAMERA_DELAY, config.camera_delay_sigma**2)
         ekf.anchor(since, measurement)
         ekf.widen(State.BIAS, JUMPED_BIAS**2)
         state.agreement = None
-        ekf.widen(State.CAMERA_DELAY, config.camera_delay_sigma**2)
 
     def _doubt_gyro(self, state: FilterState, since_ns: int, offset: float) -> None:
         """Note that the gyro's bias may be as before all the same."""

@@ -95,9 +95,11 @@ def kind_of(sensor: Sensor, other: Sensor | None, windows: Sequence[Window]) -> 
     if best == "scale" and sensor is Sensor.GYRO and explained["bias"] > EXPLAINED:
         best = "bias"  # at a constant rate they are alike, and biases step, scales do not
     ratio = float(x @ y / (x @ x)) if x @ x > 0.0 else math.inf
-    turning = float(np.abs(x).max()) > TURNED
-    if turning and sensor is Sensor.GYRO and RADIANS[0] < abs(ratio) < RADIANS[1]:
-        return Kind("gyro_units", f"the gyro turns {ratio:.0f} times as far", "its driver gives deg/s; make it rad/s")
+    turned = np.abs(x) > TURNED
+    turning = bool(turned.any())
+    times = float(np.median(y[turned] / x[turned])) if turning else 0.0
+    if sensor is Sensor.GYRO and RADIANS[0] < abs(times) < RADIANS[1]:
+        return Kind("gyro_units", f"the gyro turns {times:.0f} times as far", "its driver gives deg/s; make it rad/s")
     if turning and explained["scale"] > EXPLAINED and (best == "scale" or ratio < STUCK):
         return _by_ratio(sensor, ratio)
     if best == "bias" and explained["bias"] > EXPLAINED:

@@ -24,6 +24,8 @@ GROSS = 0.02  # rad/s; smaller contradictions are for the filter's gates to sett
 CLEAR = 5.0  # standard deviations of a contradiction
 CLEAR_SCALE = 2.5  # of scale factors: theirs are no normal distributions, none is negative
 MOST_STRIKES = 6
+NO_SPIKES = 3  # windows with turns that no robot makes
+CHANGED = 0.1  # rad/s in a window; who errs at less errs at a steady rate, too
 EVIDENCE = 20  # windows with a contradiction that are remembered, to name the fault
 # Probability that a sensor is right that is not followed although nobody could tell: a share of its claim beyond the
 # other, squared. Gyro and compass: the claim stays within two sigmas. The odometry, whose tracks slip: within three.
@@ -38,7 +40,8 @@ BEST_FIRST = (Sensor.COMPASS, Sensor.GYRO, Sensor.TRACKS)
 
 def limit(one: Claim, other: Claim, seconds: float) -> float:
     """By how much two claims may differ before they contradict, rad."""
-    noise, scale = math.hypot(one.noise, other.noise), math.hypot(one.scale * one.turn, other.scale * other.turn)
+    noise = math.hypot(max(one.noise, one.at_worst), max(other.noise, other.at_worst))
+    scale = math.hypot(one.scale * one.turn, other.scale * other.turn)
     return max(GROSS * seconds, CLEAR * noise + CLEAR_SCALE * scale)
 
 
@@ -47,9 +50,9 @@ def contradict(one: Claim | None, other: Claim | None, seconds: float) -> bool:
     return bool(one and other and abs(one.turn - other.turn) > limit(one, other, seconds))
 
 
-def _fits_anything(sensor: Sensor, turn_rate: float) -> bool:
-    """Whether a bias found at a turn rate (rad/s) may stand for a wrong scale as well."""
-    return sensor is Sensor.GYRO and abs(turn_rate) > GROSS
+def _fits_anything(sensor: Sensor, turn_rate: float, window: Window) -> bool:
+    """Whether a bias found at a turn rate (rad/s) may stand for a wrong scale, too, or for images that do not turn."""
+    return sensor is Sensor.GYRO and not window.gyro_beyond and (abs(turn_rate) > GROSS or window.tracks is None)
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,9 +64,10 @@ class Exclusion:
     sensor : Sensor
     since_ns : int
         Beginning of the first window in which it contradicted.
-    least_turn, least_size : float
-        Least turn rate in which it contradicted, and by how much it did at least, rad/s: only in as much turning, and
-        against one who knows better than that, it can show that it is well.
+    least_turn, least_size, least_change : float
+        Least turn rate in which it contradicted, by how much it did at least, and by how much the turn rate at least
+        changed meanwhile, rad/s: only in as much turning, and against one who knows better than that, it can show that
+        it is well; one that is late, only where the rate changes.
     windows : int
         In how many it has contradicted.
     agreed : int
@@ -77,18 +81,24 @@ class Exclusion:
     since_ns: int
     least_turn: float
     least_size: float
+    least_change: float = 0.0
     windows: int = 1
     agreed: int = 0
     fitted: float | None = None
 
-    def again(self, turn_rate: float, size: float) -> Exclusion:
-        """After one more window with a contradiction by `size`, while the others turned at a rate; both rad/s."""
-        least = min(self.least_turn, abs(turn_rate)), min(self.least_size, abs(size))
-        fitted = turn_rate if self.fitted is not None or _fits_anything(self.sensor, turn_rate) else None
-        return Exclusion(self.sensor, self.since_ns, *least, self.windows + 1, fitted=fitted)
+    def again(self, turn: float, size: float, window: Window) -> Exclusion:
+        """After one more window with a contradiction by `size`, while the others turned by `turn`, rad."""
+        turn_rate, size = turn / window.seconds, size / window.seconds
+        turning, least_size = min(self.least_turn, abs(turn_rate)), min(self.least_size, abs(size))
+        changing = min(self.least_change, abs(window.rate_change))
+        fitted = turn_rate if self.fitted is not None or _fits_anything(self.sensor, turn_rate, window) else None
+        return Exclusion(self.sensor, self.since_ns, turning, least_size, changing, self.windows + 1, fitted=fitted)
 
-    def shows_well(self, claim: Claim, reference: Claim, seconds: float) -> bool:
+    def shows_well(self, claim: Claim, reference: Claim, window: Window) -> bool:
         """Whether it agrees with a reference in a window in which it would have been seen to err."""
+        seconds = window.seconds
+        if self.least_change > CHANGED and abs(window.rate_change) < 0.5 * self.least_change:
+            return False
         telling = 0.5 * self.least_size * seconds  # nearer to none than to the least contradiction there was
         sharp = max(abs(claim.turn - reference.turn), math.hypot(claim.sigma, reference.sigma)) < telling
         if self.fitted is not None:
@@ -166,6 +176,8 @@ class Doubt:
         End of the last window that is in the offset.
     rate : float
         At which the offset grew in it, rad/s: as long as nobody knows better, it goes on so.
+    no_bias : bool
+        Whether a compass was followed before it, and no bias of the gyro explained all that they contradict by.
     """
 
     sensor: Sensor
@@ -175,6 +187,7 @@ class Doubt:
     third: Third = field(default_factory=Third)
     until_ns: int | None = None
     rate: float = 0.0
+    no_bias: bool = False
 
     def variance(self, t_ns: int) -> float:
         """What it adds at a time, ns, to that of the yaw, rad^2."""
@@ -295,19 +308,23 @@ class Isolation:
         for one in (self.last, window):
             claim = one and one.claim(sensor)
             if one and claim and (one is window or one.t_ns == window.start_ns):
-                shift, variance = shift + claim.turn - one.followed, variance + claim.sigma**2
+                shift += (one.corrected if variance == 0.0 else 0.0) + claim.turn - one.followed
+                variance += claim.sigma**2
         return Remedy(shift, variance)
 
     def needed(self, sensor: Sensor) -> int:
         """In how many telling windows in a row an excluded sensor must agree to be trusted again."""
+        if sensor is Sensor.GYRO and sum(window.gyro_beyond for window in self.evidence) >= NO_SPIKES:
+            return EVIDENCE * EVIDENCE  # it gives other units, and will not stop to
         strikes = self.strikes[list(Sensor).index(sensor)]
         return 1 << max(strikes - 1, 0)
 
     def excluding(self, sensor: Sensor, window: Window, turn: float, size: float) -> Isolation:
         """With a sensor excluded that in this window was off by `size` from the others' `turn`, rad."""
         rate = turn / window.seconds
-        fitted = rate if _fits_anything(sensor, rate) else None
-        one = Exclusion(sensor, window.start_ns, abs(rate), abs(size) / window.seconds, fitted=fitted)
+        fitted = rate if _fits_anything(sensor, rate, window) else None
+        least = abs(rate), abs(size) / window.seconds, abs(window.rate_change)
+        one = Exclusion(sensor, window.start_ns, *least, fitted=fitted)
         counts = zip(self.strikes, Sensor, strict=True)
         strikes = tuple(min(count + (other is sensor), MOST_STRIKES) for count, other in counts)
         return replace(self, exclusions=(*self.trusting(sensor).exclusions, one), strikes=strikes)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from fusion.checks.isolation import Doubt, Exclusion, Isolation, Remedy, Third, contradict
+from fusion.checks.isolation import CHANGED, Doubt, Exclusion, Isolation, Remedy, Third, contradict
 from fusion.checks.turns import Claim, Window
 from fusion.events import Sensor
 
@@ -15,6 +15,7 @@ LONG = 6.0  # s; in longer ones errors that last are no noise any more
 STUCK = 0.2  # ratio of turns; less is no scale factor
 SLIPPED_ON = 3  # windows; tracks that slip for longer do not see the robot turn
 TIMED = 0.95  # of squared contradictions, explained by a time offset
+MOST_BIAS = 1.0  # rad/s; what is beyond is no bias
 LATEST = 0.3  # s; no camera's driver takes longer than that longer than before
 SUSTAINED = 1.5  # of the last window's contradiction that they must sum up to, not to be one wrong match
 
@@ -64,8 +65,8 @@ def _judge_long(iso: Isolation, window: Window, bias: float) -> Judged:
 
 
 def surely_gyro(window: Window, turn: float) -> bool:
-    """Whether the gyro errs whoever contradicts it by a `turn`: it repeats one number, or means degrees."""
-    if window.gyro_repeats:
+    """Whether the gyro errs whoever contradicts it by a `turn`: one number, turns that no robot makes, or degrees."""
+    if window.gyro_repeats or window.gyro_beyond:
         return True
     return bool(window.gyro and abs(turn) > TURNED and RADIANS[0] < abs(window.gyro.turn / turn) < RADIANS[1])
 
@@ -131,7 +132,7 @@ def _judge_excluded(iso: Isolation, window: Window, bias: float) -> Judged:
         if contradict(claim, reference, window.seconds):
             iso, remedy = _errs_still(iso.noting(window), one, claim, reference, window, bias)
             remedies.append(remedy)
-        elif one.shows_well(claim, reference, window.seconds):
+        elif one.shows_well(claim, reference, window):
             iso = iso.with_exclusion(replace(one, agreed=one.agreed + 1))
             if one.agreed + 1 >= iso.needed(one.sensor):
                 iso, remedy = _trust_again(iso, one.sensor)
@@ -141,15 +142,17 @@ def _judge_excluded(iso: Isolation, window: Window, bias: float) -> Judged:
 
 def _errs_still(iso: Isolation, one: Exclusion, claim: Claim, reference: Claim, window: Window, bias: float) -> Judged:
     """An excluded sensor contradicts in one more window."""
-    off, seconds = claim.turn - reference.turn, window.seconds
-    iso = iso.with_exclusion(one.again(reference.turn / seconds, off / seconds))
+    off, doubt = claim.turn - reference.turn, iso.doubt(one.sensor)
+    iso = iso.with_exclusion(one.again(reference.turn, off, window))
     if one.sensor is Sensor.GYRO:
-        return iso, _rebias(claim, reference, window, bias)
-    doubt = iso.doubt(one.sensor)
+        if doubt and doubt.third.side is None and not surely_gyro(window, reference.turn):
+            return _as_it_was(iso, doubt, window, bias)
+        return iso, replace(_rebias(claim, reference, window, bias), rate=None)
     delay = _delay(iso, doubt) if doubt and one.sensor is Sensor.COMPASS and doubt.third.side is not True else None
     if delay is not None:
         return iso.trusting(Sensor.COMPASS).sure_of(Sensor.COMPASS), Remedy(delay=delay)
-    if one.sensor is Sensor.COMPASS and doubt and window.gyro and abs(doubt.offset) > SUSTAINED * abs(off):
+    sustained = doubt is not None and not doubt.no_bias and abs(doubt.offset) > SUSTAINED * abs(off)
+    if one.sensor is Sensor.COMPASS and doubt and window.gyro and sustained:
         # no single wrong match: a gyro's bias steps more often than a camera is misled for so long
         iso, remedy = _follow(iso, doubt, window)
         swapped = doubt.third.swapped()
@@ -158,6 +161,31 @@ def _errs_still(iso: Isolation, one: Exclusion, claim: Claim, reference: Claim, 
         )
         return iso, Remedy.of((remedy, _rebias(window.gyro, claim, window, bias)))
     return iso, Remedy()
+
+
+def _as_it_was(iso: Isolation, doubt: Doubt, window: Window, bias: float) -> Judged:
+    """Follow a gyro again with the bias that it had: the one it was given does not explain what it says now, either."""
+    iso = iso.sure_of(Sensor.GYRO).trusting(Sensor.GYRO)
+    gyro, compass = window.gyro, window.compass
+    if gyro is None or compass is None:
+        return iso, Remedy()
+    before = replace(gyro, turn=doubt.turn(gyro, window.seconds, bias))
+    off = compass.turn - before.turn
+    if contradict(before, compass, window.seconds):
+        iso = iso.excluding(Sensor.COMPASS, window, before.turn, off)
+    iso = iso.doubting(
+        Doubt(
+            Sensor.COMPASS,
+            doubt.since_ns,
+            -doubt.offset,
+            third=doubt.third.swapped(),
+            until_ns=window.t_ns,
+            rate=off / window.seconds,
+            no_bias=True,
+        )
+    )
+    rebias = Remedy(bias=doubt.bias, bias_sigma=gyro.noise / window.seconds, rate=before.turn / window.seconds)
+    return iso, Remedy.of((Remedy(doubt.offset, before.sigma**2), rebias))
 
 
 def _delay(iso: Isolation, doubt: Doubt) -> float | None:
@@ -174,9 +202,11 @@ def _delay(iso: Isolation, doubt: Doubt) -> float | None:
 
 
 def _rebias(gyro: Claim, reference: Claim, window: Window, bias: float) -> Remedy:
-    """The bias that the gyro would have, were that all that is wrong with it."""
+    """The bias that the gyro would have, were that all that is wrong with it; one that is late shows none."""
     sigma = math.hypot(gyro.noise, reference.sigma) / window.seconds
     off = (gyro.turn - reference.turn) / window.seconds
+    if abs(bias + off) > MOST_BIAS or abs(window.rate_change) > CHANGED:
+        return Remedy(rate=reference.turn / window.seconds)
     return Remedy(bias=bias + off, bias_sigma=sigma, rate=reference.turn / window.seconds)
 
 
@@ -194,10 +224,27 @@ def _judge_trusted(iso: Isolation, window: Window, bias: float) -> Judged:
     gyro, tracks, compass = (iso.trusted(sensor, window) for sensor in (Sensor.GYRO, Sensor.TRACKS, Sensor.COMPASS))
     if gyro and compass and contradict(gyro, compass, window.seconds):
         return _gyro_against_compass(iso.noting(window), gyro, compass, window, bias)
+    if gyro and window.gyro_beyond and (compass or tracks):
+        return _beyond(iso.noting(window), gyro, tracks, compass, window, bias)
     leader = compass or gyro
     if leader and tracks and contradict(leader, tracks, window.seconds):
         return _tracks_against(iso.noting(window), leader, tracks, window, bias)
     return iso, Remedy()
+
+
+def _beyond(
+    iso: Isolation, gyro: Claim, tracks: Claim | None, compass: Claim | None, window: Window, bias: float
+) -> Judged:
+    """Exclude a gyro that turns as no robot does. The camera is vague then: its stamps count at such a rate."""
+    if compass is None or (tracks is not None and tracks.sigma < compass.sigma):
+        other, sensor = tracks, Sensor.TRACKS
+    else:
+        other, sensor = compass, Sensor.COMPASS
+    if other is None:
+        return iso, Remedy()
+    follow = iso.following(sensor, window)
+    iso = iso.excluding(Sensor.GYRO, window, other.turn, gyro.turn - other.turn)
+    return iso, Remedy.of((follow, _rebias(gyro, other, window, bias)))
 
 
 def _gyro_against_compass(iso: Isolation, gyro: Claim, compass: Claim, window: Window, bias: float) -> Judged:
@@ -205,6 +252,9 @@ def _gyro_against_compass(iso: Isolation, gyro: Claim, compass: Claim, window: W
     off = gyro.turn - compass.turn
     third = Third().plus(window.tracks, gyro.turn, -off)
     side = third.side
+    doubt = iso.doubt(Sensor.GYRO)
+    if doubt is not None and side is None and not surely_gyro(window, compass.turn):
+        return _as_it_was(iso, doubt, window, bias)
     if side is True or (side is None and surely_gyro(window, compass.turn)):
         iso = iso.excluding(Sensor.GYRO, window, compass.turn, off)
         return iso, Remedy.of((iso.following(Sensor.COMPASS, window), _rebias(gyro, compass, window, bias)))

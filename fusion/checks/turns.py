@@ -19,6 +19,8 @@ WINDOW_NS = 500_000_000
 LONGEST_WINDOW_NS = 5_000_000_000  # a sensor's integral over longer says more of its noise than of the turn
 COMPASS_SILENT_NS = 1_000_000_000  # then the odometry ends the windows
 LONGEST_GAP = 0.4  # of a window, in which an integrated sensor may have been silent and still be a witness
+FASTEST = 4.0 * math.pi  # rad/s; two turns a second, faster than tracked robots spin
+BEYOND = 4  # one sample in so many of a window beyond that is no spike
 SAME_NUMBER = 10  # samples in a row, to the last bit: no gyro that works does that
 
 
@@ -38,8 +40,8 @@ class RateTurn:
         Driven meanwhile as the odometry claims, m.
     gap_ns : int
         Longest time between two samples.
-    count, repeats : int
-        How many samples; how many at the end were the same number to the last bit.
+    count, repeats, beyond : int
+        How many samples; how many at the end were the same number to the last bit; how many were beyond `FASTEST`.
     """
 
     start_ns: int
@@ -51,6 +53,7 @@ class RateTurn:
     gap_ns: int = 0
     count: int = 0
     repeats: int = 0
+    beyond: int = 0
 
     def add(self, t_ns: int, rate: float, speed: float = 0.0) -> RateTurn:
         """With one more sample (rad/s, m/s)."""
@@ -65,6 +68,7 @@ class RateTurn:
             max(self.gap_ns, dt_ns),
             self.count + 1,
             self.repeats + 1 if rate == self.rate else 0,
+            self.beyond + (abs(rate) > FASTEST),
         )
 
     def anew(self, t_ns: int) -> RateTurn:
@@ -134,6 +138,8 @@ class Turns:
         None before the first increment, or while nothing joins the last one.
     compass_ns : int or None
         When the compass last spoke.
+    corrected : float
+        By how much the image at its beginning moved the yaw, rad.
     """
 
     start_ns: int | None = None
@@ -143,6 +149,7 @@ class Turns:
     tracks: RateTurn | None = None
     compass: CompassTurn | None = None
     compass_ns: int | None = None
+    corrected: float = 0.0
 
     def with_gyro(self, sample: GyroSample) -> Turns:
         """After a gyro sample."""
@@ -191,17 +198,21 @@ class Claim:
         Turn and its standard deviation, rad, but for the error of a scale factor.
     scale : float
         Standard deviation of its scale factor, as a fraction.
+    at_worst : float
+        Noise that it may have nevertheless, rad, where `noise` is what the gate let pass lately.
     """
 
     turn: float
     noise: float
     scale: float = 0.0
+    at_worst: float = 0.0
 
     def plus(self, later: Claim | None) -> Claim | None:
         """Of this window and the next one together."""
         if later is None:
             return None
-        return Claim(self.turn + later.turn, math.hypot(self.noise, later.noise), max(self.scale, later.scale))
+        noise, worst = math.hypot(self.noise, later.noise), math.hypot(self.at_worst, later.at_worst)
+        return Claim(self.turn + later.turn, noise, max(self.scale, later.scale), worst)
 
     @property
     def sigma(self) -> float:
@@ -219,10 +230,12 @@ class Window:
         Its stamps.
     gyro, tracks, compass : Claim or None
         None where the sensor did not measure all of it.
-    followed : float
-        By how much the filter's yaw went on, rad.
+    followed, corrected : float
+        By how much the filter's yaw went on, rad, and how much of that the image at its beginning did.
     gyro_repeats : bool
         Whether the gyro gave one and the same number, to the last bit, all the time.
+    gyro_beyond : bool
+        Whether it turned faster than robots do, and not for a sample only.
     tracks_spoke : bool
         Whether the odometry has ever said anything but zero.
     rate_change : float
@@ -238,6 +251,8 @@ class Window:
     gyro_repeats: bool = False
     tracks_spoke: bool = True
     rate_change: float = 0.0
+    gyro_beyond: bool = False
+    corrected: float = 0.0
 
     def plus(self, later: Window) -> Window:
         """This window and the next one as one."""
@@ -252,6 +267,8 @@ class Window:
             self.gyro_repeats and later.gyro_repeats,
             later.tracks_spoke,
             self.rate_change + later.rate_change,
+            self.gyro_beyond or later.gyro_beyond,
+            self.corrected,
         )
 
     @property

@@ -15,7 +15,6 @@ gyro that repeats one number.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 
 from compass import wrap_angle
@@ -29,7 +28,8 @@ PERIODS = 3  # of the images; after as many it has stopped, and the other sensor
 ALIKE = 0.2  # of a turn; by less two that tell it need not differ to agree
 ALIKE_TURN = 1e-3  # rad, nor by less than the steps of an encoder
 WELL_WITHIN = 0.5  # standard deviations; what is forgotten at each agreement adds up
-TRACKS_SILENT_NS = 200_000_000
+SLIP = 1.0  # standard deviations; by less slip what images, without a gyro, tell more exactly
+TRACKS_SILENT_NS = 500_000_000  # as `fusion.filter_state.SILENT_NS`: until then the last rate is held
 # Of the news, squared, where nobody else speaks: a sign reversed is twice as wrong, and stays within three sigmas.
 REVERSED = (2.0 / 3.0) ** 2
 
@@ -107,6 +107,10 @@ class Unconfirmed:
         When the last image came, whatever it said.
     pace_ns : int
         From the last but one to it.
+    noise : float
+        Variance of what the tracks claim since, rad^2, but for their scale.
+    seen : Belief or None
+        What was believed at the last image that passed the gate.
     """
 
     since: Belief
@@ -115,15 +119,22 @@ class Unconfirmed:
     blind_ns: int | None = None
     image_ns: int | None = None
     pace_ns: int = LONGEST_NS
+    noise: float = 0.0
+    seen: Belief | None = None
 
     def with_tracks(self, sample: OdometrySample) -> Unconfirmed:
         """After an odometry sample."""
         return replace(self, tracks=self.tracks and self.tracks.add(sample))
 
-    def with_image(self, t_ns: int) -> Unconfirmed:
-        """After an image, ns, whatever it says."""
-        pace_ns = LONGEST_NS if self.image_ns is None else min(t_ns - self.image_ns, LONGEST_NS)
-        return self if t_ns == self.image_ns else replace(self, image_ns=t_ns, pace_ns=pace_ns)
+    def with_image(self, now: Belief, *, accepted: bool) -> Unconfirmed:
+        """After an image, whatever it says."""
+        pace_ns = LONGEST_NS if self.image_ns is None else min(now.t_ns - self.image_ns, LONGEST_NS)
+        new = self if now.t_ns == self.image_ns else replace(self, image_ns=now.t_ns, pace_ns=pace_ns)
+        return replace(new, seen=now) if accepted else new
+
+    def with_window(self, window: Window | None) -> Unconfirmed:
+        """After a window of turns."""
+        return replace(self, noise=self.noise + window.tracks.noise**2) if window and window.tracks else self
 
     def confirmed_by(self, innovation: float, variance: float, now: Belief) -> bool:
         """Whether an image that passed the gate says the same, by its innovation and variance, rad and rad^2.
@@ -133,15 +144,17 @@ class Unconfirmed:
         known = now.t_ns - self.since.t_ns <= LONGEST_NS
         return not known or innovation**2 <= CLEAR**2 * variance + (ALIKE * (now.yaw - self.since.yaw)) ** 2
 
-    def agrees(self, now: Belief, window: Window | None) -> bool:
-        """Whether the tracks say the same since then, well within their noise as it was in a window."""
+    def agrees(self, now: Belief) -> bool:
+        """Whether the tracks say the same since then, well within their noise."""
         if self.tracks is None:
             return True
-        if window is None or window.tracks is None:
-            return False
-        windows = (now.t_ns - self.since.t_ns) * 1e-9 / window.seconds
         beyond = now.yaw - self.since.yaw - self.tracks.turn_until(now.t_ns) / now.scale
-        return abs(beyond) <= WELL_WITHIN * window.tracks.sigma * math.sqrt(windows)
+        return beyond**2 <= WELL_WITHIN**2 * (self.noise + self._by_scale(now))
+
+    def _by_scale(self, now: Belief) -> float:
+        """Variance that the tracks' scale gives to what they claim since then, rad^2."""
+        claimed = self.tracks.turn_until(now.t_ns) if self.tracks else 0.0
+        return (now.scale_sigma * claimed / now.scale**2) ** 2
 
     def blind(self, t_ns: int) -> Unconfirmed:
         """From a time on, ns, at which it shows that nobody can be believed to measure the turn rate."""
@@ -150,17 +163,25 @@ class Unconfirmed:
     def _witnessed(self, now: Belief) -> bool:
         return self.tracks is not None and now.t_ns - self.tracks.last.t_ns <= TRACKS_SILENT_NS
 
-    def variance(self, now: Belief) -> float:
-        """What it adds to that of the yaw, rad^2."""
-        turn, since_ns = now.yaw - self.since.yaw, now.t_ns - self.since.t_ns
+    def variance(self, now: Belief, *, images: bool) -> float:
+        """What it adds to that of the yaw, rad^2; `images`: no gyro, but images tell the turn, and tracks slip."""
+        turn = now.yaw - self.since.yaw
         alike = ALIKE_TURN**2
         if self.tracks is not None and self._witnessed(now):
-            claimed = self.tracks.turn_until(now.t_ns) / now.scale
-            alike += (now.scale_sigma / now.scale * claimed) ** 2
-            return DOUBT[Sensor.GYRO] * max((turn - claimed) ** 2 - alike, 0.0)
+            beyond = turn - self.tracks.turn_until(now.t_ns) / now.scale
+            alike += self._by_scale(now)
+            if images:
+                news = DOUBT[Sensor.GYRO] * max(beyond**2 - alike - SLIP**2 * self.noise, 0.0)
+                return news + (self._beyond_rate(self.seen, now) if self.seen else 0.0)
+            return DOUBT[Sensor.GYRO] * max(beyond**2 - alike, 0.0)
         last_ns = self.since.t_ns if self.image_ns is None else self.image_ns
         if self.blind_ns is None and now.t_ns - last_ns > PERIODS * self.pace_ns:
             return 0.0
-        beyond = max((turn - self.since.rate * since_ns * 1e-9) ** 2 - alike, 0.0)
         unseen_ns = 0 if self.blind_ns is None else min(now.t_ns - self.blind_ns, LONGEST_NS)
-        return REVERSED * beyond + DOUBT[Sensor.GYRO] * (self.rate_sigma * unseen_ns * 1e-9) ** 2
+        return self._beyond_rate(self.since, now) + DOUBT[Sensor.GYRO] * (self.rate_sigma * unseen_ns * 1e-9) ** 2
+
+    @staticmethod
+    def _beyond_rate(since: Belief, now: Belief) -> float:
+        """What the yaw has gone on by since a time beyond the turn rate of then, rad^2."""
+        beyond = now.yaw - since.yaw - since.rate * (now.t_ns - since.t_ns) * 1e-9
+        return REVERSED * max(beyond**2 - ALIKE_TURN**2, 0.0)
