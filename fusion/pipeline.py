@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from compass import CompassConfig, YawIncrement
 from fusion.checks.clocks import ABANDONED_NS, BACKLOG_NS, LONE_NS, ClockWatch, Elsewhen, StampSequence, confirmed
+from fusion.checks.gaps import GapWatch
 from fusion.checks.images import image_warnings
 from fusion.checks.refusal_share import RefusalWatch
 from fusion.checks.silence import SilenceWatch
@@ -71,7 +72,7 @@ class YawFusion:
         self._heard: dict[Sensor, int] = {}  # newest stamp of each sensor
         self._gaps: dict[Sensor, int] = {}  # between its last two
         self._sequences = {sensor: StampSequence(sensor) for sensor in (Sensor.GYRO, Sensor.TRACKS)}
-        self._clocks, self._silence = ClockWatch(), SilenceWatch()
+        self._clocks, self._silence, self._pauses = ClockWatch(), SilenceWatch(), GapWatch()
         self._beginning: list[Sample] | None = []  # until it is confirmed
 
     def add(self, sample: Sample) -> bool:
@@ -160,6 +161,7 @@ class YawFusion:
             self._gaps[sensor] = sample.t_ns - self._heard[sensor]
         self._heard[sensor] = max(self._heard.get(sensor, 0), sample.t_ns)
         self._silence.hear(sensor, sample.t_ns)
+        self._pauses.hear(sample.t_ns, sample.t_ref_ns if isinstance(sample, YawIncrement) else None)
         self.counts[f"{sensor.value}: {'late' if arrival is Arrival.LATE else 'in order'}"] += 1
         return True
 
@@ -204,7 +206,12 @@ class YawFusion:
         """What is wrong with clocks and stamps, and who is missing."""
         clocks = self._clocks.warnings()
         silent = self._silence.warnings([warning.sensor for warning in clocks])
-        return clocks + silent + [w for sequence in self._sequences.values() for w in sequence.warnings()]
+        return (
+            clocks
+            + silent
+            + self._pauses.warnings()
+            + [w for sequence in self._sequences.values() for w in sequence.warnings()]
+        )
 
     @property
     def state(self) -> FilterState:

@@ -7,7 +7,7 @@ import logging
 import math
 from array import array
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import islice
 from typing import Any, Protocol
@@ -24,6 +24,7 @@ from fusion.imu.level import ImuConfig, ImuLevel
 from fusion.lean import LATEST_NS, NEAR_NS, up_later
 from fusion.messages import NO_GYRO, NOTHING, MessageError, image_of, imu_reading, odometry_sample
 from fusion.offline.bag import Bag, BagError, Message, Topic
+from fusion.offline.clock_steps import ClockSteps, Recorded
 from fusion.offline.decode import decode_ahead
 from fusion.offline.times import Span, clock_warning, of_one_time, usable
 from fusion.offline.topics import TopicChoice
@@ -34,6 +35,9 @@ log = logging.getLogger(__name__)
 FRAMES_OUT_OF_ORDER = 8  # images are put in order within so many; further ones the compass refuses and counts
 LOST = 0.01  # of all messages; single ones are dropped by any link
 FIRST_IMAGES = 20  # of which the stamp in the middle is taken for right
+SMALL = (Sensor.GYRO, Sensor.TRACKS)  # read at once
+LAST_NS = 2**63 - 1  # that can be written
+CLOCK_SET = "image: its clock was set in mid drive"
 HOPELESS = 10  # after so many unusable images and no usable one the reason is given and the run ends
 
 Floats = npt.NDArray[np.float64]
@@ -170,6 +174,8 @@ class BagRecording:
         What was wrong with clocks and the IMU.
     vertical_words : str
         Where the gyro's vertical came from at the end, in words.
+    witnesses : sequence of Recorded
+        When the samples of gyro and tracks were recorded.
     """
 
     bag: Bag
@@ -182,14 +188,16 @@ class BagRecording:
     dropped: Counter[str] = field(default_factory=Counter)
     found: list[Warning] = field(default_factory=list)
     vertical_words: str = ""
+    witnesses: Sequence[Recorded] = ()
 
     @property
     def warnings(self) -> list[Warning]:
         """What is wrong with it as far as it was read, most serious first; messages that are missing included."""
         since_ns = next((int(track.t_ns[0]) for track in (self.gyro, self.odometry) if track.t_ns.size), 0)
         told = list(self.bag.faults)
-        # halves of messages have a warning of their own
-        dropped = {reason: count for reason, count in sorted(self.dropped.items()) if NO_GYRO not in reason}
+        # halves of messages and clocks have warnings of their own
+        known = NO_GYRO, CLOCK_SET
+        dropped = {why: count for why, count in sorted(self.dropped.items()) if not any(one in why for one in known)}
         if sum(dropped.values()) > LOST * sum(topic.count for topic in self.choice):
             told += [f"{count} unusable: {reason}" for reason, count in dropped.items()]
         lost = [Warning("samples_lost", "recording", since_ns, "; ".join(told))] if told else []
@@ -220,8 +228,18 @@ class BagRecording:
 
     def _stamped_images(self, topic: Topic) -> Iterator[tuple[int, Any]]:
         """Stamps and messages, ordered by stamp within a bounded window."""
-        for message in in_order(self.bag.messages(topic.name), FRAMES_OUT_OF_ORDER):
+        for message in in_order(self._of_one_clock(topic), FRAMES_OUT_OF_ORDER):
             yield message.stamp_ns, self.bag.deserialize(message)
+
+    def _of_one_clock(self, topic: Topic) -> Iterator[Message]:
+        """Messages as long as their clock is that of the first one."""
+        clock, found = ClockSteps(Sensor.COMPASS, self.witnesses), list(self.found)
+        for message in self.bag.messages(topic.name):
+            if message.stamp_ns <= 0 or clock.follows(message.stamp_ns, message.record_ns):
+                yield message
+                continue
+            self.dropped[CLOCK_SET] += 1
+            self.found = found + clock.warnings()
 
     def _decode(self, stamped: tuple[int, Any]) -> tuple[Frame | None, str]:
         """The frame, or why there is none. Runs in a thread."""
@@ -276,6 +294,7 @@ def read_recording(
         dropped,
         warnings.all(),
         level.vertical,
+        [columns_of[topic.name].recorded for topic in (choice.gyro, choice.odometry) if topic],
     )
 
 
@@ -306,12 +325,13 @@ def _of_one_time(bag: Bag, choice: TopicChoice, columns: dict[str, _Columns], lo
         return choice
     foreign = spans.keys() - together
     log.note(clock_warning(sensor, spans[sensor], whole) for sensor in foreign)
-    for sensor in together - {Sensor.COMPASS}:
-        topic = topics[sensor]
-        if topic is not None:
-            keep, wrong = usable(sensor, columns[topic.name].stamps, whole)
-            columns[topic.name].only(keep)
-            log.note(wrong)
+    small = {sensor: columns[topic.name] for sensor in SMALL if sensor in together and (topic := topics[sensor])}
+    recorded = {sensor: column.recorded for sensor, column in small.items()}
+    for sensor, column in small.items():
+        others = [one for other, one in recorded.items() if other is not sensor]
+        keep, wrong = usable(sensor, recorded[sensor], whole, others)
+        column.only(keep)
+        log.note(wrong)
     fields = {Sensor.GYRO: "gyro", Sensor.TRACKS: "odometry", Sensor.COMPASS: "image"}
     return replace(choice, **{fields[sensor]: None for sensor in foreign})
 
@@ -349,7 +369,7 @@ class _Columns:
 
     def __init__(self, topic: Topic) -> None:
         self._convert = _imu_row if topic.msgtype.endswith("Imu") else _odometry_row
-        self.t_ns = array("q")
+        self.t_ns, self.record_ns = array("q"), array("q")
         self.values = array("d")
         self.fault = ""
 
@@ -361,6 +381,7 @@ class _Columns:
             dropped[f"{message.topic}: {error}"] += 1
             return
         self.t_ns.append(t_ns)
+        self.record_ns.append(min(max(message.record_ns, 0), LAST_NS))
         self.values.extend(row)
 
     @property
@@ -368,10 +389,16 @@ class _Columns:
         """In the order of recording."""
         return np.array(self.t_ns, np.int64)
 
+    @property
+    def recorded(self) -> Recorded:
+        """The stamps, and when they were recorded."""
+        return Recorded(np.array(self.record_ns, np.int64), self.stamps)
+
     def only(self, keep: npt.NDArray[np.bool_]) -> None:
         """Leave out the others."""
         if not keep.all():
             rows = np.array(self.values).reshape(keep.size, -1)[keep]
+            self.record_ns = array("q", np.array(self.record_ns, np.int64)[keep].tolist())
             self.t_ns, self.values = array("q", self.stamps[keep].tolist()), array("d", rows.ravel().tolist())
 
 

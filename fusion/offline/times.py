@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,6 +11,7 @@ import numpy.typing as npt
 from fusion.checks.clocks import StampSequence
 from fusion.checks.warnings import Warning
 from fusion.events import Sensor
+from fusion.offline.clock_steps import ClockSteps, Recorded
 
 Times = npt.NDArray[np.int64]
 MARGIN_NS = 60_000_000_000  # beyond all else in the recording; stamps further off are from another time
@@ -32,6 +33,10 @@ class Span:
     def meets(self, other: Span) -> bool:
         """Whether they have any time in common."""
         return self.first_ns <= other.last_ns and other.first_ns <= self.last_ns
+
+    def near(self, t_ns: Times) -> npt.NDArray[np.bool_]:
+        """Which stamps lie within, or `MARGIN_NS` from it."""
+        return (t_ns >= self.first_ns - MARGIN_NS) & (t_ns <= self.last_ns + MARGIN_NS)
 
     def words(self) -> str:
         """In seconds, or as a date where it is one."""
@@ -55,13 +60,16 @@ def clock_warning(sensor: Sensor, span: Span, others: Span) -> Warning:
     return Warning("clock_mismatch", sensor.value, others.first_ns, text)
 
 
-def usable(sensor: Sensor, t_ns: Times, within: Span) -> tuple[npt.NDArray[np.bool_], list[Warning]]:
-    """Which stamps to use, of a sensor's in the order of recording, and what was wrong with the others."""
-    near = (t_ns >= within.first_ns - MARGIN_NS) & (t_ns <= within.last_ns + MARGIN_NS)
-    sequence = StampSequence(sensor)
-    keep = near.copy()
-    keep[near] = [sequence.fits(t) for t in t_ns[near].tolist()]
-    warnings = sequence.warnings()
+def usable(
+    sensor: Sensor, recorded: Recorded, within: Span, others: Sequence[Recorded]
+) -> tuple[npt.NDArray[np.bool_], list[Warning]]:
+    """Which samples to use, of a sensor's in the order of recording, and what was wrong with the stamps of the rest."""
+    t_ns, near = recorded.t_ns, within.near(recorded.t_ns)
+    own, sequence, keep = recorded.only(near), StampSequence(sensor), near.copy()
+    clock = ClockSteps(sensor, [one.only(within.near(one.t_ns)) for one in others], own)
+    keep[near] = clock.following(own)
+    keep[keep] = [sequence.fits(one) for one in t_ns[keep].tolist()]
+    warnings = clock.warnings() + sequence.warnings()
     if not near.all():
         wrong = int(t_ns[~near][0])
         text = (
