@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from compass import CompassConfig, YawIncrement
 from fusion.checks.clocks import ABANDONED_NS, BACKLOG_NS, LONE_NS, ClockWatch, Elsewhen, StampSequence, confirmed
+from fusion.checks.faulty import FaultWatch
 from fusion.checks.gaps import GapWatch
 from fusion.checks.images import image_warnings
 from fusion.checks.refusal_share import RefusalWatch
@@ -73,6 +74,7 @@ class YawFusion:
         self._gaps: dict[Sensor, int] = {}  # between its last two
         self._sequences = {sensor: StampSequence(sensor) for sensor in (Sensor.GYRO, Sensor.TRACKS)}
         self._clocks, self._silence, self._pauses = ClockWatch(), SilenceWatch(), GapWatch()
+        self._faults = FaultWatch()
         self._beginning: list[Sample] | None = []  # until it is confirmed
 
     def add(self, sample: Sample) -> bool:
@@ -83,6 +85,7 @@ class YawFusion:
         """
         sensor = sensor_of(sample)
         fault = fault_of(sample)
+        self._faults.note(sensor, sample.t_ns, fault)
         if fault:
             return self._refuse(sample, f"{sensor.value}: {fault}")
         newest_ns = self._timeline.newest_ns
@@ -197,21 +200,17 @@ class YawFusion:
         """The estimate after the newest sample, predicted to `t_ns`, ns, where that is later; None before the first."""
         state = self._timeline.state
         estimate = estimate_of(state if t_ns is None else self._filter.predicted(state, t_ns))
-        stamps = self._stamp_warnings()
+        stamps = self.stamp_warnings()
         if estimate is None or not stamps:
             return estimate
         return replace(estimate, warnings=tuple(most_serious_first((*estimate.warnings, *stamps))))
 
-    def _stamp_warnings(self) -> list[Warning]:
-        """What is wrong with clocks and stamps, and who is missing."""
-        clocks = self._clocks.warnings()
-        silent = self._silence.warnings([warning.sensor for warning in clocks])
-        return (
-            clocks
-            + silent
-            + self._pauses.warnings()
-            + [w for sequence in self._sequences.values() for w in sequence.warnings()]
-        )
+    def stamp_warnings(self) -> list[Warning]:
+        """What is wrong with clocks and stamps, and who is missing; known before there is an estimate."""
+        found = self._clocks.warnings()
+        found += self._silence.warnings([warning.sensor for warning in found])
+        found += self._pauses.warnings() + self._faults.warnings()
+        return found + [w for sequence in self._sequences.values() for w in sequence.warnings()]
 
     @property
     def state(self) -> FilterState:
@@ -272,7 +271,7 @@ class YawPipeline:
     def warnings(self) -> list[Warning]:
         """What is wrong at present with sensors, clocks and images, most serious first."""
         estimate = self.fusion.estimate()
-        found = list(estimate.warnings if estimate else ())
+        found = list(estimate.warnings if estimate else self.fusion.stamp_warnings())
         for source in self.warning_sources:
             found += source()
         found += self._refusals.warnings(self.fusion.reports(), found)

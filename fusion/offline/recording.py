@@ -329,7 +329,7 @@ def _of_one_time(bag: Bag, choice: TopicChoice, columns: dict[str, _Columns], lo
     recorded = {sensor: column.recorded for sensor, column in small.items()}
     for sensor, column in small.items():
         others = [one for other, one in recorded.items() if other is not sensor]
-        keep, wrong = usable(sensor, recorded[sensor], whole, others)
+        keep, wrong = usable(sensor, recorded[sensor], whole, others, column.told)
         column.only(keep)
         log.note(wrong)
     fields = {Sensor.GYRO: "gyro", Sensor.TRACKS: "odometry", Sensor.COMPASS: "image"}
@@ -393,6 +393,12 @@ class _Columns:
     def recorded(self) -> Recorded:
         """The stamps, and when they were recorded."""
         return Recorded(np.array(self.record_ns, np.int64), self.stamps)
+
+    @property
+    def told(self) -> npt.NDArray[np.bool_]:
+        """Which say anything of a turn: messages of an IMU may bring the accelerometer's half only."""
+        rows = np.array(self.values).reshape(len(self.t_ns), -1)
+        return np.nan_to_num(rows[:, :3]).any(axis=1) if self._convert is _imu_row else np.ones(len(rows), bool)
 
     def only(self, keep: npt.NDArray[np.bool_]) -> None:
         """Leave out the others."""

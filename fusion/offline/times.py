@@ -61,14 +61,18 @@ def clock_warning(sensor: Sensor, span: Span, others: Span) -> Warning:
 
 
 def usable(
-    sensor: Sensor, recorded: Recorded, within: Span, others: Sequence[Recorded]
+    sensor: Sensor, recorded: Recorded, within: Span, others: Sequence[Recorded], told: npt.NDArray[np.bool_]
 ) -> tuple[npt.NDArray[np.bool_], list[Warning]]:
-    """Which samples to use, of a sensor's in the order of recording, and what was wrong with the stamps of the rest."""
+    """Which samples to use, of a sensor's in the order of recording, and what was wrong with the stamps of the rest.
+
+    Samples that are false in `told` (N,) tell nothing of a turn, and may share their stamp with one that does.
+    """
     t_ns, near = recorded.t_ns, within.near(recorded.t_ns)
     own, sequence, keep = recorded.only(near), StampSequence(sensor), near.copy()
     clock = ClockSteps(sensor, [one.only(within.near(one.t_ns)) for one in others], own)
     keep[near] = clock.following(own)
-    keep[keep] = [sequence.fits(one) for one in t_ns[keep].tolist()]
+    judged = keep & told
+    keep[judged] = [sequence.fits(one) for one in t_ns[judged].tolist()]
     warnings = clock.warnings() + sequence.warnings()
     if not near.all():
         wrong = int(t_ns[~near][0])
