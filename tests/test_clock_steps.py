@@ -98,3 +98,10 @@ def test_late_sample_closes_a_gap():
     assert watch.warnings()
     watch.hear(S + S)
     assert not watch.warnings()
+
+
+def test_record_times_that_cannot_be_say_nothing():
+    own = _stream(100)
+    own.record_ns[40] = 2**63 - 1
+    last = np.argsort(own.record_ns)
+    assert _follows(Recorded(own.record_ns[last], own.t_ns[last]), [_stream(20)]) == (1.0, [])

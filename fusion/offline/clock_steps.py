@@ -16,7 +16,9 @@ from fusion.checks.warnings import Warning
 from fusion.events import Sensor
 
 Times = npt.NDArray[np.int64]
+YEAR_2200_NS = 7_258_118_400_000_000_000
 STEP_NS = 1_000_000_000  # links and queues delay by less
+FEWEST = 3  # samples of another time that are worth a word
 MOST = 4  # steps of one clock; with more of them the order of recording is that of no time
 
 
@@ -68,6 +70,8 @@ class ClockSteps:
 
     def follows(self, t_ns: int, record_ns: int) -> bool:
         """Take in the next stamp; whether it is of the time that the first one was of."""
+        if not 0 < record_ns < YEAR_2200_NS:
+            return True  # its place means nothing
         if self._last is not None:
             self._step(*self._last, t_ns, record_ns)
         self._last = t_ns, record_ns
@@ -95,7 +99,7 @@ class ClockSteps:
 
     def warnings(self) -> list[Warning]:
         """Whether samples had to be left out."""
-        if not self.count or self._steps > MOST:
+        if self.count < FEWEST or self._steps > MOST:
             return []
         way = "forward" if self._first_off_ns > 0 else "back"
         text = (

@@ -15,6 +15,7 @@ from compass import CompassConfig, ImageError
 from compass.image import Image, to_grey
 from fusion.messages import image_of
 from fusion.offline.bag import COMPRESSED_IMAGE, IMAGE, IMU, ODOMETRY, Bag, BagError, Topic
+from fusion.offline.clock_steps import YEAR_2200_NS
 from fusion.offline.console import progress_bar, table
 from fusion.offline.recording import Floats, Times
 from fusion.offline.staging import staged_file
@@ -25,7 +26,6 @@ _FUSED = (IMU, ODOMETRY, IMAGE, COMPRESSED_IMAGE)
 MOST = (0.02, 0.98, 0.5)  # from where to where nearly all stamps lie, and their median, as parts of all
 DAY_NS = 86_400_000_000_000  # longer than a drive
 YEAR_2000_NS = 946_684_800_000_000_000  # before it no bag was recorded
-YEAR_2200_NS = 7_258_118_400_000_000_000
 LATEST_NS = 2**63 - 1
 
 
