@@ -38,7 +38,7 @@ FIRST_IMAGES = 20  # of which the stamp in the middle is taken for right
 SMALL = (Sensor.GYRO, Sensor.TRACKS)  # read at once
 LAST_NS = 2**63 - 1  # that can be written
 CLOCK_SET = "image: its clock was set in mid drive"
-HOPELESS = 10  # after so many unusable images and no usable one the reason is given and the run ends
+HOPELESS = 300  # images, none of them usable, that are tried: ten seconds of what a camera sends before it sees
 
 Floats = npt.NDArray[np.float64]
 Times = npt.NDArray[np.int64]
