@@ -105,3 +105,30 @@ def test_record_times_that_cannot_be_say_nothing():
     own.record_ns[40] = 2**63 - 1
     last = np.argsort(own.record_ns)
     assert _follows(Recorded(own.record_ns[last], own.t_ns[last]), [_stream(20)]) == (1.0, [])
+
+
+@pytest.mark.parametrize("off", [3.0, 3600.0, -3600.0])
+@pytest.mark.parametrize("seconds", [0.005, 0.5, 3.0])
+def test_start_by_a_foreign_clock_is_forgotten_once_the_others_are_heard(off, seconds):
+    """The gyro's clock is set after the start; the tracks and the compass went by the right one from the first."""
+    fusion = YawFusion()
+    for k in range(900):
+        t_ns, turned = S * 10**6 + k * 10**7, 0.003 * k
+        fusion.add(GyroSample(t_ns + round(off * S) * (0.01 * k < seconds), 0.3))
+        if k % 2 == 0:
+            fusion.add(OdometrySample(t_ns + 1000, 0.3, 0.1, turned))
+        if k % 10 == 0 and k:
+            fusion.add(YawIncrement(S * 10**6 + 2000, t_ns + 2000, turned, 1e-6, 0.9))
+    estimate = fusion.estimate()
+    sigma = np.sqrt(estimate.yaw_variance)
+    assert sigma < np.radians(2.0)
+    assert abs(estimate.yaw - 0.3 * 8.99) < 3.0 * sigma
+
+
+def test_time_that_jumps_back_for_all_is_a_lost_turn():
+    fusion = YawFusion()
+    _steady(fusion, 10.0, 14.0)
+    _steady(fusion, 3.0, 6.0)
+    (warning,) = _lost(fusion)
+    assert "went back by 10.99 s" in warning.text
+    assert np.sqrt(fusion.estimate().yaw_variance) > np.radians(100.0)

@@ -19,6 +19,11 @@ class GapWatch:
     def __init__(self) -> None:
         self._newest_ns: int | None = None
         self._open: list[Gap] = []
+        self._jump: Gap | None = None
+
+    def jumped(self, from_ns: int, to_ns: int) -> None:
+        """Note that time itself went back, ns: nobody knows for how long."""
+        self._jump = from_ns, to_ns
 
     def hear(self, t_ns: int, since_ns: int | None = None) -> None:
         """Note the stamp, ns, of a sample that is believed, and since when it tells how the robot turned."""
@@ -34,6 +39,13 @@ class GapWatch:
 
     def warnings(self) -> list[Warning]:
         """The gaps so far."""
+        if self._jump:
+            from_ns, to_ns = self._jump
+            text = (
+                f"all stamps went back by {(from_ns - to_ns) * 1e-9:.4g} s (a clock that was set, a recording played "
+                "again?); how the robot turned meanwhile is unknown, and in the yaw's sigma since"
+            )
+            return [Warning("turn_lost", "recording", to_ns, text)]
         newest_ns = self._newest_ns or 0
         gaps = [gap for gap in self._open if gap[1] <= newest_ns - PATIENCE_NS]
         if not gaps:
