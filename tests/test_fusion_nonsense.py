@@ -47,6 +47,7 @@ def test_vertical_is_not_tilted_by_nonsense():
 @pytest.mark.parametrize(
     "bad",
     [
+        GyroSample(math.nan, 0.1),
         GyroSample(10**9, math.nan),
         GyroSample(10**9, 1e300),
         GyroSample(10**9, 0.1, -1.0),
