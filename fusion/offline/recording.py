@@ -70,6 +70,11 @@ class GyroTrack:
         rows = np.frombuffer(values, np.float64).reshape(-1, 6)
         return GyroTrack(np.frombuffer(t_ns, np.int64), rows[:, 0], rows[:, 1:4], rows[:, 4], rows[:, 5])
 
+    def until(self, t_ns: int) -> GyroTrack:
+        """Up to a stamp, ns."""
+        n = int(np.searchsorted(self.t_ns, t_ns, side="right"))
+        return GyroTrack(self.t_ns[:n], self.yaw_rate[:n], self.up[:n], self.cross_rate[:n], self.variance[:n])
+
     def up_at(self, t_ns: int) -> Vector | None:
         """The vertical in the robot's frame at a stamp, ns, as `LeanLog` knows it then."""
         before = int(np.searchsorted(self.t_ns, t_ns - LATEST_NS, side="right")) - 1
@@ -100,6 +105,11 @@ class OdometryTrack:
     yaw_rate: Floats
     speed: Floats
     yaw: Floats
+
+    def until(self, t_ns: int) -> OdometryTrack:
+        """Up to a stamp, ns."""
+        n = int(np.searchsorted(self.t_ns, t_ns, side="right"))
+        return OdometryTrack(self.t_ns[:n], self.yaw_rate[:n], self.speed[:n], self.yaw[:n])
 
     def samples(self) -> Iterator[OdometrySample]:
         """One by one, for the filter."""
@@ -225,6 +235,11 @@ class BagRecording:
                 break
         if unusable and not usable:
             raise BagError(f"{self.bag.path}: {topic.name}: no usable image among the first {unusable}: {fault}")
+
+    def image_stamps(self) -> Iterator[int]:
+        """Stamps of the panoramas that have any, ns, as recorded."""
+        if self.choice.image:
+            yield from (m.stamp_ns for m in self.bag.messages(self.choice.image.name) if m.stamp_ns > 0)
 
     def _stamped_images(self, topic: Topic) -> Iterator[tuple[int, Any]]:
         """Stamps and messages, ordered by stamp within a bounded window."""
