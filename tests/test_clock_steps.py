@@ -28,6 +28,24 @@ def test_samples_of_after_the_clock_was_set_are_left_out(way, kind, tmp_path, ca
     assert "by the order of recording" in screen
 
 
+@pytest.mark.parametrize(
+    ("kind", "off", "code"),
+    [
+        *((kind, -1e9, "stamps_wrong") for kind in (Imu, Tracks, Picture)),
+        *((kind, -3600.0, "clock_mismatch") for kind in (Imu, Tracks)),
+    ],
+)
+def test_samples_of_before_the_clock_was_set_are_left_out(kind, off, code, tmp_path, capsys):
+    """The robot's computer starts in 1980, or an hour late, and hears the time three seconds later."""
+    bag = write(tmp_path / "bag", changed(messages(), imu_clock(lambda t: t + off * (t < 3.0), kind)))
+    _, screen, summary = fused(bag, tmp_path, capsys, ())
+    check(summary, screen, Situation(sigma=0.5, codes=(code,)))
+    assert {one["sensor"] for one in summary["warnings"] if one["code"] == code} == {
+        {Imu: "gyro", Tracks: "tracks", Picture: "compass"}[kind]
+    }
+    assert "sensor_silent" not in {one["code"] for one in summary["warnings"]}  # its later samples are used
+
+
 def _stream(hertz, seconds=10.0, *, stamp=lambda t: t, keep=lambda t: True):
     t = np.array([one for one in np.arange(0.0, seconds, 1.0 / hertz) if keep(one)])
     stamps = np.array([round(stamp(one) * 1e9) for one in t], np.int64) + S

@@ -67,6 +67,7 @@ class ClockSteps:
         self._recorder = bool(known) and all(one.as_fast for one in known)
         self._last: tuple[int, int] | None = None
         self._since_ns = self._off_ns = self._first_off_ns = self._steps = self.count = 0
+        self._wrong_before = False
 
     def follows(self, t_ns: int, record_ns: int) -> bool:
         """Take in the next stamp; whether it is of the time that the first one was of."""
@@ -79,11 +80,26 @@ class ClockSteps:
         self.count += not follows
         return follows
 
-    def following(self, own: Recorded) -> npt.NDArray[np.bool_]:
-        """Which of all its samples are of the time of the first, (N,)."""
-        stamps = zip(own.t_ns.tolist(), own.record_ns.tolist(), strict=True)
-        follow = np.array([self.follows(*one) for one in stamps], bool)
-        return follow if self._steps <= MOST else np.ones_like(follow)
+    def following(self, own: Recorded, present: Sequence[tuple[int, int]] = ()) -> npt.NDArray[np.bool_]:
+        """Which of all its samples are of the right time, (N,).
+
+        That is where it began, unless only later ones fall into a time of another sensor: `present`, from when to when,
+        ns. A clock that is set as the drive begins was wrong before, one that is set in mid drive is wrong after.
+        """
+        offs = []
+        for stamp in zip(own.t_ns.tolist(), own.record_ns.tolist(), strict=True):
+            self.follows(*stamp)
+            offs.append(self._off_ns)
+        self.count = 0
+        if self._steps > MOST:
+            return np.ones(len(offs), bool)
+        times = [np.abs(np.array(offs) - off) <= STEP_NS for off in dict.fromkeys(offs)]
+        middles = [int(np.median(own.t_ns[mask])) for mask in times]
+        common = [any(first <= t <= last for first, last in present) for t in middles]
+        right = common.index(True) if True in common else 0
+        self._wrong_before = right > 0
+        self.count = len(offs) - int(np.count_nonzero(times[right])) if offs else 0
+        return times[right] if offs else np.ones(0, bool)
 
     def _step(self, last_ns: int, recorded_ns: int, t_ns: int, record_ns: int) -> None:
         step_ns = t_ns - last_ns
@@ -102,8 +118,9 @@ class ClockSteps:
         if self.count < FEWEST or self._steps > MOST:
             return []
         way = "forward" if self._first_off_ns > 0 else "back"
+        when = "before" if self._wrong_before else "after"
         text = (
             f"{self._sensor.value}: its clock was set {way} by {abs(self._first_off_ns) * 1e-9:.3g} s in mid drive, by "
-            f"the order of recording; {self.count} samples of after that are left out: set the clock before you record"
+            f"the order of recording; {self.count} samples of {when} that are left out: set the clock before you record"
         )
         return [Warning("clock_mismatch", self._sensor.value, self._since_ns, text)]
