@@ -271,9 +271,9 @@ def test_robot_that_stands_does_not_drift():
 def with_stray_stamps(stray_s, rate, seed):
     """A robot that turns from the first moment on, and images nearly without error, each stamped a little wrongly."""
     rng = np.random.default_rng(seed)
-    samples = [GyroSample(k * 10**7, float(rate + 0.003 + 0.0025 * rng.normal())) for k in range(3000)]
+    samples = [GyroSample(k * 2 * 10**7, float(rate + 0.003 + 0.0025 * rng.normal())) for k in range(1500)]
     samples += [
-        OdometrySample(k * 2 * 10**7, 1.3 * rate, 0.0, float(wrap_angle(1.3 * rate * 0.02 * k))) for k in range(1500)
+        OdometrySample(k * 4 * 10**7, 1.3 * rate, 0.0, float(wrap_angle(1.3 * rate * 0.04 * k))) for k in range(750)
     ]
     exposed = np.arange(900) / 30.0 + stray_s * rng.normal(size=900)
     for k in range(1, 900):
