@@ -187,8 +187,12 @@ def test_images_that_contradict_gyro_and_tracks_are_named_and_do_not_feed_the_fi
         values = [pair.value for pair in status.values if pair.key.startswith(f"warning: {codes[0]}")]
         assert status.message in values
         assert set(codes) <= set(figures(diagnostics, "fusion")["warnings"].split(", "))
-        refused = int(figures(diagnostics, "images")["refused at the gate"])
-        assert refused > int(figures(diagnostics, "images")["used"]) / 2
+
+        def refused():
+            images = figures(diagnostics, "images")
+            return int(images["refused at the gate"]) > int(images["used"]) / 2
+
+        send_until(send, refused, "images that are refused", pause=0.03)
 
         def not_live():
             fusion = newest(diagnostics, "fusion")
