@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -37,8 +38,7 @@ class Agreement:
         states, sigmas = list(states), np.array(self.sigmas)
         m = x[states] / sigmas
         C = P[np.ix_(states, states)] / np.outer(sigmas, sigmas)
-        shares = np.minimum(np.array(self.least) / sigmas, 1.0)[:, None] ** STEPS  # of either, shape (2, 7)
-        R = np.minimum(shares**2 / np.maximum(1.0 - shares**2, 1.0 / NOTHING), NOTHING)
+        R, narrow = _narrower(self.sigmas, self.least)
         own = np.maximum(np.diagonal(C), 0.0)
         most = float((own[0] * own[1]) ** 0.5)  # rounding may leave more
         c = min(max(float(C[0, 1]), -most), most)
@@ -46,7 +46,6 @@ class Agreement:
         det = a * b - c**2
         S_inv = np.stack([b / det, -c / det + 0.0 * a, a / det])  # of the innovations, symmetric
         told = np.stack([S_inv[0] * m[0] + S_inv[1] * m[1], S_inv[1] * m[0] + S_inv[2] * m[1]])
-        narrow = -np.log(shares) + 0.5 * np.log(R)
         evidence = narrow[0][:, None] + narrow[1][None, :] - 0.5 * np.log(det) - 0.5 * (m[0] * told[0] + m[1] * told[1])
         weight = np.exp(evidence - evidence.max())
         weight /= weight.sum()
@@ -58,3 +57,11 @@ class Agreement:
         spread = (weight * np.stack([off[0] ** 2, off[0] * off[1], off[1] ** 2])).sum(axis=(1, 2))
         change = (spread - shrunk)[[0, 1, 1, 2]].reshape(2, 2)
         return x - G @ mean, P + G @ change @ G.T
+
+
+@lru_cache(maxsize=8)  # of a config
+def _narrower(sigmas: tuple[float, float], least: tuple[float, float]) -> tuple[Array, Array]:
+    """Of either error and each deviation, (2, 7): variance of the measurement of zero, and the evidence's constant."""
+    shares = np.minimum(np.array(least) / np.array(sigmas), 1.0)[:, None] ** STEPS
+    R = np.minimum(shares**2 / np.maximum(1.0 - shares**2, 1.0 / NOTHING), NOTHING)
+    return R, -np.log(shares) + 0.5 * np.log(R)

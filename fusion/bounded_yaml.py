@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 import yaml
@@ -13,6 +14,15 @@ LONGEST_VALUE = 1024  # characters; above, a number takes long to convert and no
 
 class YamlError(ValueError):
     """Text that is not YAML, or no such YAML as a person writes, in one line."""
+
+
+class _Loader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # type: ignore[misc]
+    """Numbers as ROS reads them: ``1e-3`` is one, which YAML 1.1 takes for text as it has no point."""
+
+
+_Loader.add_implicit_resolver(
+    "tag:yaml.org,2002:float", re.compile(r"[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+$"), list("-+.0123456789")
+)
 
 
 def parse_yaml(text: str, longest_value: int = LONGEST_VALUE, *, as_text: bool = False) -> Any:
@@ -34,7 +44,7 @@ def parse_yaml(text: str, longest_value: int = LONGEST_VALUE, *, as_text: bool =
         to itself by an alias: a few lines of aliases stand for billions of values. (ROS parameter files know none.)
     """
     # libyaml is twenty times as fast, where PyYAML was built with it
-    plain = getattr(yaml, "CBaseLoader", yaml.BaseLoader) if as_text else getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+    plain = getattr(yaml, "CBaseLoader", yaml.BaseLoader) if as_text else _Loader
     try:
         _check(text, longest_value, plain)
         return yaml.load(text, plain)

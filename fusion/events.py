@@ -120,7 +120,7 @@ def sensor_of(sample: Sample) -> Sensor:
 
 def fault_of(sample: Sample) -> str | None:
     """Say what makes a sample unusable, None if it is sound."""
-    if sample.t_ns < 0:
+    if not sample.t_ns >= 0:  # true for NaN, too
         return "negative stamp"
     motion: tuple[float, ...] = ()
     if isinstance(sample, YawIncrement):

@@ -46,7 +46,7 @@ def stamp_to_ns(stamp: Any) -> int:
     """Integer nanoseconds of a ``builtin_interfaces/Time``; `MessageError` where it was never set."""
     t_ns = int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
     if t_ns <= 0:
-        raise MessageError("header.stamp is zero: the driver must stamp its messages with the moment of capture")
+        raise MessageError("header.stamp is zero or negative: the driver must stamp with the moment of capture")
     return t_ns
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 STRAYS = tuple(1e-4 * 10.0 ** (k / 4.0) for k in range(12))  # s, 0.1 to 56 ms, by which stamps of images may stray
 STRAY_MEMORY = 300  # images while turning
@@ -22,7 +22,7 @@ class LearntNoise:
     """What is known of a standard deviation: `known` if nothing else is, else log-weights of the `values` it may have.
 
     `prior` are those known beforehand, to which the others return within `memory` innovations. These are taken to be of
-    Student's distribution with `tail` degrees of freedom.
+    Student's distribution with `tail` degrees of freedom. `variance` is the mean of the squared deviation.
     """
 
     known: float
@@ -31,6 +31,10 @@ class LearntNoise:
     prior: tuple[float, ...] = ()
     memory: float = 1.0
     tail: float = 1.0
+    variance: float = field(init=False, compare=False)  # asked for at every step, and changes seldom
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "variance", self._mean_square())
 
     @staticmethod
     def about(sigma: float, factor: float, values: Sequence[float], memory: float, tail: float) -> LearntNoise:
@@ -50,9 +54,7 @@ class LearntNoise:
         """A factor on what is configured, which is one but for this `factor`, as a standard deviation."""
         return LearntNoise.about(1.0, factor, FACTORS, memory, FACTOR_TAIL)
 
-    @property
-    def variance(self) -> float:
-        """Mean of the squared deviation."""
+    def _mean_square(self) -> float:
         if not self.weights:
             return self.known**2
         top = max(self.weights)

@@ -13,6 +13,8 @@ import numpy.typing as npt
 
 from compass import CompassConfig, YawIncrement
 from fusion.checks.clocks import ABANDONED_NS, BACKLOG_NS, LONE_NS, ClockWatch, Elsewhen, StampSequence, confirmed
+from fusion.checks.faulty import FaultWatch
+from fusion.checks.gaps import GapWatch
 from fusion.checks.images import image_warnings
 from fusion.checks.refusal_share import RefusalWatch
 from fusion.checks.silence import SilenceWatch
@@ -40,6 +42,7 @@ from fusion.timeline import Arrival, Timeline
 log = logging.getLogger(__name__)
 SHORTEST_REACH_NS = 1_000_000_000  # a stamp off by less does no harm that lasts
 PACE = 3  # times the last gap between two samples of a sensor, within which the next one is expected
+NEVER_NS = 2**63
 UNKNOWN_TURN = math.pi**2 / 3.0  # rad^2, variance of a heading of which nothing is known
 
 
@@ -69,9 +72,11 @@ class YawFusion:
         self._last_far: YawIncrement | None = None
         self._ahead, self._behind = Elsewhen(True, max(lag_ns, LONE_NS)), Elsewhen(False, BACKLOG_NS)
         self._heard: dict[Sensor, int] = {}  # newest stamp of each sensor
+        self._first_ns = NEVER_NS  # of all stamps
         self._gaps: dict[Sensor, int] = {}  # between its last two
         self._sequences = {sensor: StampSequence(sensor) for sensor in (Sensor.GYRO, Sensor.TRACKS)}
-        self._clocks, self._silence = ClockWatch(), SilenceWatch()
+        self._clocks, self._silence, self._pauses = ClockWatch(), SilenceWatch(), GapWatch()
+        self._faults = FaultWatch()
         self._beginning: list[Sample] | None = []  # until it is confirmed
 
     def add(self, sample: Sample) -> bool:
@@ -82,6 +87,7 @@ class YawFusion:
         """
         sensor = sensor_of(sample)
         fault = fault_of(sample)
+        self._faults.note(sensor, sample.t_ns, fault)
         if fault:
             return self._refuse(sample, f"{sensor.value}: {fault}")
         newest_ns = self._timeline.newest_ns
@@ -121,7 +127,10 @@ class YawFusion:
         log.warning("time jumped back to %d ns: fusion starts anew", sample.t_ns)
         self.counts["reset: time jumped back"] += 1
         group = self._behind.leave(ABANDONED_NS)
-        self._restart(self._filter.lost(self._timeline.state, UNKNOWN_TURN))
+        astray = self._began_astray(group, newest_ns)
+        self._restart(self._filter.start if astray else self._filter.lost(self._timeline.state, UNKNOWN_TURN))
+        if not astray:
+            self._pauses.jumped(newest_ns, group[0].t_ns)
         for one in group:
             self._take(one)
         return True
@@ -135,12 +144,24 @@ class YawFusion:
         if not self._ahead.believed(self._heard, newest_ns, self._reach_ns):
             return False
         group = self._ahead.leave(ABANDONED_NS)
-        if self._beginning is not None and group[0].t_ns - newest_ns > PACE * (group[-1].t_ns - group[0].t_ns):
-            self.reset()  # what came before was never confirmed: a wrong stamp at the very start
+        if self._began_astray(group, newest_ns):
+            self.reset()
         self._clocks = ClockWatch()
         for one in group:
             self._take(one)
         return True
+
+    def _began_astray(self, group: list[Sample], newest_ns: int) -> bool:
+        """Whether all before these samples of another time was a wrong stamp at the very start, or a foreign clock.
+
+        It never was confirmed; or it was one sensor's alone, for no longer than the others were at that other time.
+        """
+        span_ns = group[-1].t_ns - group[0].t_ns
+        if self._beginning is not None and abs(group[0].t_ns - newest_ns) > PACE * span_ns:
+            return True
+        others = {sensor_of(sample) for sample in group} - self._heard.keys()
+        lived_ns = newest_ns - min(self._first_ns, newest_ns)
+        return len(self._heard) == 1 and bool(others) and lived_ns <= span_ns + self._reach_ns
 
     def _take(self, sample: Sample) -> bool:
         """Put a sample whose stamp is believed into the timeline; False if there is one at its place already."""
@@ -159,7 +180,9 @@ class YawFusion:
         if sample.t_ns > self._heard.get(sensor, sample.t_ns):
             self._gaps[sensor] = sample.t_ns - self._heard[sensor]
         self._heard[sensor] = max(self._heard.get(sensor, 0), sample.t_ns)
+        self._first_ns = min(self._first_ns, sample.t_ns)
         self._silence.hear(sensor, sample.t_ns)
+        self._pauses.hear(sample.t_ns, sample.t_ref_ns if isinstance(sample, YawIncrement) else None)
         self.counts[f"{sensor.value}: {'late' if arrival is Arrival.LATE else 'in order'}"] += 1
         return True
 
@@ -195,16 +218,17 @@ class YawFusion:
         """The estimate after the newest sample, predicted to `t_ns`, ns, where that is later; None before the first."""
         state = self._timeline.state
         estimate = estimate_of(state if t_ns is None else self._filter.predicted(state, t_ns))
-        stamps = self._stamp_warnings()
+        stamps = self.stamp_warnings()
         if estimate is None or not stamps:
             return estimate
         return replace(estimate, warnings=tuple(most_serious_first((*estimate.warnings, *stamps))))
 
-    def _stamp_warnings(self) -> list[Warning]:
-        """What is wrong with clocks and stamps, and who is missing."""
-        clocks = self._clocks.warnings()
-        silent = self._silence.warnings([warning.sensor for warning in clocks])
-        return clocks + silent + [w for sequence in self._sequences.values() for w in sequence.warnings()]
+    def stamp_warnings(self) -> list[Warning]:
+        """What is wrong with clocks and stamps, and who is missing; known before there is an estimate."""
+        found = self._clocks.warnings()
+        found += self._silence.warnings([warning.sensor for warning in found])
+        found += self._pauses.warnings() + self._faults.warnings()
+        return found + [w for sequence in self._sequences.values() for w in sequence.warnings()]
 
     @property
     def state(self) -> FilterState:
@@ -265,7 +289,7 @@ class YawPipeline:
     def warnings(self) -> list[Warning]:
         """What is wrong at present with sensors, clocks and images, most serious first."""
         estimate = self.fusion.estimate()
-        found = list(estimate.warnings if estimate else ())
+        found = list(estimate.warnings if estimate else self.fusion.stamp_warnings())
         for source in self.warning_sources:
             found += source()
         found += self._refusals.warnings(self.fusion.reports(), found)

@@ -17,7 +17,16 @@ import numpy as np
 from fusion.checks.unconfirmed import LONGEST_NS
 from fusion.config import FusionConfig
 from fusion.ekf import DIM, Array, Correction, Transition
-from fusion.events import CompassEvent, FusionEvent, Sample, event_of, fault_of, needs_reference, reference_of
+from fusion.events import (
+    CompassEvent,
+    FusionEvent,
+    Sample,
+    event_of,
+    fault_of,
+    needs_reference,
+    reference_of,
+    sensor_of,
+)
 from fusion.filter import YawFilter
 from fusion.filter_state import FilterState, estimate_of
 from fusion.samples import YawEstimate
@@ -61,7 +70,7 @@ def ordered_events(samples: Iterable[Sample], config: FusionConfig) -> list[Fusi
     """Usable samples, each once, and the references they need, in the filter's order."""
     events: dict[tuple[int | float, ...], FusionEvent] = {}
     for sample in samples:
-        if fault_of(sample):
+        if sensor_of(sample) and fault_of(sample):
             continue
         event = event_of(sample)
         events[event.order] = event

@@ -22,6 +22,7 @@ CREEP_RATE = 0.001  # rad/s; tracks that claim less show no motion
 CREEP = 0.01  # m/s; slower is not driving
 RESTING = 20  # gyro samples without a sign of motion that tell their scatter
 LATELY = 25  # gyro samples in its recent mean, for turns too slow to show in one sample
+BLIND = 0.02  # rad; an increment with a larger standard deviation misses how a robot starts to turn
 CLEAR = 4.0  # standard deviations that make a sign of motion
 
 
@@ -149,7 +150,11 @@ class Stillness:
         return replace(self, tracks_ns=sample.t_ns, track_rate=rate, track_speed=speed)
 
     def with_increment(self, increment: YawIncrement) -> Stillness:
-        """After a yaw increment."""
+        """After a yaw increment; one that sees next to nothing, as a copy of the image before, is no witness."""
+        if increment.variance > BLIND**2:
+            others = (t_ns for t_ns in (self.gyro_ns, self.tracks_ns) if t_ns is not None)
+            watched = any(increment.t_ns - t_ns < SILENT_NS for t_ns in others)
+            return self if watched else self.moved(increment.t_ns)
         compass = self.compass.add(increment) if self.compass else CompassTurn.begin(increment)
         if not compass.quiet:
             return self.moved(increment.t_ns)

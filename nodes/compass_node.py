@@ -10,6 +10,7 @@ from std_srvs.srv import Empty
 
 from compass import VisualCompass
 from fusion import Warning
+from fusion.checks.images import image_warnings
 from fusion.checks.warnings import most_serious_first
 from nodes.compass_stream import CompassStream
 from nodes.complaints import Complaints, WarningVoice
@@ -32,9 +33,10 @@ class CompassNode(Node):
         parameters = NodeParameters(self, ("topics", "compass"))
         settings = parameters.settings
         complaints = Complaints(self.get_logger().warning)
-        self.warning_sources: list[Callable[[], Iterable[Warning]]] = []
+        compass = VisualCompass(settings.compass)
+        self.warning_sources: list[Callable[[], Iterable[Warning]]] = [lambda: image_warnings(compass)]
         self._tell = WarningVoice(self.get_logger().warning)
-        self._stream = CompassStream(self, settings, VisualCompass(settings.compass), complaints)
+        self._stream = CompassStream(self, settings, compass, complaints)
         parameters.on_change(self._stream.apply)
         self.create_service(Empty, "~/reset", self._on_reset)
         self._jumps = on_jump_back(self, self._stream.reset)

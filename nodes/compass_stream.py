@@ -29,7 +29,6 @@ from nodes.images import NewestWorker
 from nodes.transport import compressed_topic, raw_topic
 
 IMAGE_QOS = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
-JUMP_BACK = 10  # images in a row older than one before them: time itself has jumped back
 
 ImageMessage = Image | CompressedImage
 
@@ -67,7 +66,6 @@ class CompassStream:
         self._frames = (topics.odom_frame, topics.base_frame)
         self._busy = threading.Lock()  # held while an image is worked on
         self._rate = CompassRate()
-        self._backward_in_a_row = 0
         self._confidence = math.nan
         warm_up(settings)
         self.settings = settings
@@ -117,7 +115,6 @@ class CompassStream:
     def _reset(self) -> None:
         self._compass.reset()
         self._rate = CompassRate()
-        self._backward_in_a_row = 0
 
     def _receive(self, message: ImageMessage, info: dict[str, Any]) -> None:
         self._gaps.see(info.get("publication_sequence_number"))
@@ -133,10 +130,6 @@ class CompassStream:
         t_ns = stamp_to_ns(message.header.stamp)
         image, encoding = image_of(message, compass.config.columns)
         increment = compass.update(t_ns, image, encoding)
-        if compass.status is CompassStatus.BACKWARD_STAMP:
-            self._watch_time(t_ns)
-        else:
-            self._backward_in_a_row = 0
         if increment is not None:
             self._confidence = increment.confidence
             self._publish(increment)
@@ -155,12 +148,6 @@ class CompassStream:
         far = look()
         if far is not None and self._use is not None:
             self._use(far)
-
-    def _watch_time(self, t_ns: int) -> None:
-        self._backward_in_a_row += 1
-        if self._backward_in_a_row >= JUMP_BACK:
-            self._complain(self.topic, f"time jumped back to {t_ns * 1e-9:.3f} s: compass starts anew")
-            self._reset()
 
     def _publish(self, increment: YawIncrement) -> None:
         compass = self._compass

@@ -37,7 +37,7 @@ class RobotDrive:
 
 
 def robot_drive(
-    seed=0, seconds=60.0, bias=0.003, scale=1.35, gyro_hz=100, track_hz=40, compass_hz=10, camera_delay=0.0, eyes=None
+    seed=0, seconds=60.0, bias=0.003, scale=1.35, gyro_hz=50, track_hz=20, compass_hz=10, camera_delay=0.0, eyes=None
 ):
     """Legs of 1 to 4 s, standing or turning at up to 1 rad/s while driving at 0.5 m/s.
 

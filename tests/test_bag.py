@@ -158,9 +158,22 @@ def test_bag_of_video_in_compressed_images_says_so(tmp_path):
         for i in range(12):
             bag.bytes("/pano/compressed", START_NS + i, b"\0\0\0\1\x67" + bytes(50))
     with pytest.raises(
-        BagError, match=r"/pano/compressed: no usable image among the first 10: .*is a piece of a video"
+        BagError, match=r"/pano/compressed: no usable image among the first 12: .*is a piece of a video"
     ):
         read_all(tmp_path / "b")
+
+
+def test_bag_whose_first_thirty_images_are_empty_is_read_on(tmp_path):
+    with TinyBag(tmp_path / "b") as bag:
+        for i in range(30):
+            bag.bytes("/pano/compressed", START_NS + i, b"" if i % 2 else b"no picture")
+        bag.compressed("/pano/compressed", START_NS + 30, np.zeros((8, 16), np.uint8))
+    with Bag(tmp_path / "b") as bag:
+        recording = read(bag)
+        (frame,) = recording.frames()
+        assert frame.t_ns == START_NS + 30
+        assert sum(recording.dropped.values()) == 30
+        assert [warning.code for warning in recording.warnings] == ["samples_lost"]
 
 
 def test_topics_none_leaves_a_sensor_out(tmp_path):
@@ -288,9 +301,9 @@ def test_bag_single_zero_stamps_are_dropped_and_counted(tmp_path):
 
 def test_bag_unknown_encoding_ends_early_with_the_known_ones(tmp_path):
     with TinyBag(tmp_path / "b") as bag:
-        for i in range(20):
+        for i in range(310):
             bag.image("/pano", START_NS + i, np.zeros((8, 16), np.uint8), "bayer_rggb16")
-    with pytest.raises(BagError, match=r"first 10: encoding 'bayer_rggb16' is unknown; use one of: mono8"):
+    with pytest.raises(BagError, match=r"first 300: encoding 'bayer_rggb16' is unknown; use one of: mono8"):
         read_all(tmp_path / "b")
 
 

@@ -240,6 +240,7 @@ def test_metadata_of_any_quality_of_service_is_no_reason_to_find_nothing(tmp_pat
         ((r"message_count: 40\b", "message_count: 39"), r"other numbers .*: /imu \(39 and 40\), /odom \(39 and 40\)"),
         ((r"name: /imu", "name: /gone"), "topics that the files do not have: /gone"),
         ((r"name: /imu", "name: /gone"), "not all topics that the files have: /imu"),
+        ((r"type: sensor_msgs/msg/Imu", "type: a/msg/B"), r"other types .*: /imu \(a/msg/B and sensor_msgs/msg/Imu\)"),
         ((r"duration:\n    nanoseconds: \d+", "duration:\n    nanoseconds: 99000000000"), r"says 99\.0 s"),
         ((r"(epoch: )\d+\n  storage", r"\1 5\n  storage"), "begins -17"),
         ((r"topics_with_message_count:.*", "topics_with_message_count: none"), "does not count"),

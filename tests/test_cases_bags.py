@@ -69,6 +69,10 @@ def in_turn(m: Imu) -> Imu:
     return replace(m, rate=(0.0, 0.0, 0.0)) if odd else replace(m, force=(0.0, 0.0, 0.0))
 
 
+def in_two(m: Imu) -> list[Imu]:
+    return [replace(m, rate=(0.0, 0.0, 0.0)), replace(m, force=(0.0, 0.0, 0.0))]
+
+
 def pitched(m: Imu) -> Imu:
     mount = Rotation.from_euler("y", 15, degrees=True).inv()
     rate, force = (tuple(map(float, mount.apply(v))) for v in (m.rate, m.force))
@@ -124,6 +128,11 @@ SITUATIONS = {
     "gyro in deg/s, with camera": Situation(gyro(lambda w, t: math.degrees(w)), NO_ODOMETRY, codes=("gyro_units",)),
     "gyro in deg/s, with tracks": Situation(gyro(lambda w, t: math.degrees(w)), NO_IMAGE, codes=("gyro_units",)),
     "gyro and accelerometer in turn": Situation(of(Imu, in_turn), sigma=1.0, codes=("imu_half_messages",)),
+    "accelerometer, then gyro, of one stamp": Situation(of(Imu, in_two), sigma=1.0, codes=("imu_half_messages",)),
+    "gyro of impossible numbers": Situation(gyro(lambda w, t: 1e300), sigma=1.0, codes=("samples_lost",)),
+    "odometry without numbers": Situation(
+        of(Tracks, lambda m: replace(m, rate=math.nan)), sigma=1.0, codes=("samples_lost",)
+    ),
     "orientation that never changes, IMU pitched": Situation(of(Imu, pitched), sigma=1.0),
     "gyro without accelerations": Situation(
         of(Imu, lambda m: replace(m, force=(0.0, 0.0, 0.0), force_known=False)), sigma=1.0, codes=("vertical_unknown",)

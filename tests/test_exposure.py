@@ -106,9 +106,9 @@ def test_delay_of_the_camera_is_found_and_does_no_harm(delay_s):
         fusion = YawFusion()
         for sample in samples:
             fusion.add(sample)
-            estimate = fusion.estimate()
-            sigma = math.sqrt(estimate.camera_delay_variance)
             if isinstance(sample, YawIncrement):
+                estimate = fusion.estimate()
+                sigma = math.sqrt(estimate.camera_delay_variance)
                 error = estimate.yaw - float(np.interp(sample.t_ns * 1e-9, t, yaw))
                 normalised.append(error**2 / estimate.yaw_variance)
                 if 3 * SECOND < sample.t_ns < 3.1 * SECOND:  # a second after the robot began to move

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
+
 import pytest
 
-from fusion import FusionConfig, GyroSample, OdometrySample, YawFusion
+from compass import YawIncrement
+from fusion import FusionConfig, GyroSample, OdometrySample, YawFusion, YawPipeline
 from fusion.vertical import ImuConfig, ImuLevel
 
 STEP_NS = 10_000_000
@@ -38,3 +42,31 @@ def test_vertical_is_not_tilted_by_nonsense():
         rate = (1e30, -1e30, 0.0) if k == 50 else (0.0, 0.0, 0.1)
         sample = level.sample(10**18 + k * STEP_NS, rate, (0.0, 0.0, 9.81))
     assert sample.yaw_rate == pytest.approx(0.1, abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    "bad",
+    [
+        GyroSample(math.nan, 0.1),
+        GyroSample(10**9, math.nan),
+        GyroSample(10**9, 1e300),
+        GyroSample(10**9, 0.1, -1.0),
+        OdometrySample(10**9, 0.1, math.inf),
+        YawIncrement(10**9, 2 * 10**9, 0.1, math.nan, 0.9),
+    ],
+)
+def test_sensor_that_measures_nothing_is_named_before_there_is_an_estimate(bad):
+    pipeline = YawPipeline()
+    for k in range(10):
+        pipeline.add(replace(bad, t_ns=bad.t_ns + k * 10**8))
+    assert pipeline.estimate() is None
+    (warning,) = pipeline.warnings()
+    assert warning.code == "samples_lost"
+    assert warning.text.startswith(f"{warning.sensor}: 10 of 10 samples are no measurement")
+
+
+def test_single_nonsense_is_no_fault_of_the_sensor():
+    fusion = YawFusion()
+    for k in range(1000):
+        fusion.add(GyroSample(10**9 + k * 10**7, math.nan if k % 200 == 7 else 0.1))
+    assert not fusion.estimate().warnings

@@ -106,6 +106,26 @@ def test_health_of_a_stream_the_gate_refuses_is_a_warning_and_no_longer_alive(he
     assert health.judge(20.0, 2.0)[0] is Level.STALE
 
 
+@pytest.mark.parametrize("kind", [FusionNode, CompassNode])
+def test_node_names_what_its_own_compass_saw(kind):
+    """A size that changes in mid drive is a lost turn, and grows the variance that is published."""
+    rclpy.init()
+    node, texture = kind(), scene()
+    try:
+        stream = node._stream
+        for k, width in enumerate((512, 512, 256, 256)):
+            view = panorama(0.1 * k, texture)[:, :: 512 // width]
+            stream._serve(image_message(START_NS + k * SECOND // 10, view.copy()))
+        _, message, values = node._diagnostics._sources["images"]()
+        variance = stream._compass.yaw_variance
+    finally:
+        node.destroy_node()
+        rclpy.try_shutdown()
+    assert values["warnings"] == "turn_lost"
+    assert "up to 17 deg of turning unknown" in message
+    assert variance == pytest.approx((0.1 * 3.0) ** 2 / 3.0, rel=0.1)
+
+
 @pytest.fixture
 def robot():
     robot = Robot()
@@ -167,8 +187,12 @@ def test_images_that_contradict_gyro_and_tracks_are_named_and_do_not_feed_the_fi
         values = [pair.value for pair in status.values if pair.key.startswith(f"warning: {codes[0]}")]
         assert status.message in values
         assert set(codes) <= set(figures(diagnostics, "fusion")["warnings"].split(", "))
-        refused = int(figures(diagnostics, "images")["refused at the gate"])
-        assert refused > int(figures(diagnostics, "images")["used"]) / 2
+
+        def refused():
+            images = figures(diagnostics, "images")
+            return int(images["refused at the gate"]) > int(images["used"]) / 2
+
+        send_until(send, refused, "images that are refused", pause=0.03)
 
         def not_live():
             fusion = newest(diagnostics, "fusion")

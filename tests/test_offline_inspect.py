@@ -2,13 +2,16 @@
 
 import itertools
 import math
+from dataclasses import replace
 
 import cv2
 import numpy as np
 import pytest
+from reported_bags import Imu, Picture, changed, messages, write
 from tiny_bags import START_NS, TinyBag
 
 from compass import CompassConfig
+from fusion.offline import first_look
 from fusion.offline.bag import BagError
 from fusion.offline.inspect import draw_region, inspect_bag, timing
 from fusion.settings import Settings
@@ -176,3 +179,36 @@ def test_inspect_tells_the_faults_of_the_files(tmp_path):
     assert ["metadata.yaml is missing" in problem for problem in found(inspect_bag(tmp_path / "b", Settings()))] == [
         True
     ]
+
+
+SHAPES = {
+    "nothing wrong": (lambda m: m, ""),
+    "mirrored": (lambda m: replace(m, pixels=m.pixels[:, ::-1]) if isinstance(m, Picture) else m, "images_mirrored"),
+    "the circle twice": (
+        lambda m: replace(m, pixels=np.hstack([m.pixels[:, :128]] * 2)) if isinstance(m, Picture) else m,
+        "not_full_circle",
+    ),
+    "in deg/s": (
+        lambda m: replace(m, rate=tuple(map(math.degrees, m.rate))) if isinstance(m, Imu) else m,
+        "gyro_units",
+    ),
+    "in g": (
+        lambda m: replace(m, force=tuple(x / 9.81 for x in m.force)) if isinstance(m, Imu) else m,
+        "accelerometer_units",
+    ),
+}
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_inspect_names_what_fuse_would_find_in_the_first_minute(tmp_path, shape):
+    change, code = SHAPES[shape]
+    report = inspect_bag(write(tmp_path / "b", changed(messages(), change)), Settings())
+    told = [line for line in report.splitlines() if line.startswith("problem: ")]
+    assert any(f"[{code}, " in line for line in told) == bool(code), told
+    assert bool(told) == bool(code)
+
+
+def test_inspect_looks_no_longer_than_at_the_first_images(tmp_path, monkeypatch):
+    monkeypatch.setattr(first_look, "MOST_IMAGES", 10)  # of 1.2 s, in which nothing turns
+    change, _ = SHAPES["mirrored"]
+    assert "problem" not in inspect_bag(write(tmp_path / "b", changed(messages(), change)), Settings())

@@ -26,6 +26,15 @@ def test_settings_yaml_beats_defaults_and_overrides_beat_yaml(tmp_path):
     assert (settings.topics.gyro_topic, settings.compass.rows, settings.compass.columns) == ("/a", 32, 256)
 
 
+def test_settings_numbers_are_those_of_ros(tmp_path):
+    """Without a point an exponent is text in YAML 1.1, and a number for ROS."""
+    for text in ("1e-3", "1E-3", "+1.e-3", ".1e-2", "0.001"):
+        path = write(tmp_path, f"/**:\n  ros__parameters:\n    fusion: {{gyro_sigma: {text}}}\n")
+        assert load_settings(path).fusion.gyro_sigma == 0.001
+    quoted = write(tmp_path, "/**:\n  ros__parameters:\n    gyro_topic: '1e-3'\n")
+    assert load_settings(quoted).topics.gyro_topic == "1e-3"
+
+
 def test_settings_dotted_and_nested_keys_mean_the_same(tmp_path):
     nested = write(tmp_path, "/**:\n  ros__parameters:\n    compass: {rows: 32}\n")
     first = load_settings(nested)

@@ -95,7 +95,7 @@ def test_smoothed_error_is_below_the_filters(sensors):
     filtered, smoothed, normalised = [], [], []
     config = FusionConfig(rate_walk=0.5, camera_delay_sigma=0.005, compass_error=5e-4, gyro_scale_sigma=0.001, **PRIORS)
     for seed in range(24):
-        drive = drawn_drive(seed, sensors, 8.0, config)
+        drive = drawn_drive(seed, sensors, 8.0, config, gyro_hz=25, track_hz=10, compass_hz=5)
         fusion, estimates = YawFusion(config), []
         for sample in drive.samples:
             fusion.add(sample)

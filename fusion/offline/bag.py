@@ -131,7 +131,8 @@ class Bag(AbstractContextManager["Bag"]):
             self._note(fault)
         if metadata is not None:
             counts = {topic.name: topic.count for topic in self.topics}
-            for fault in contradictions(metadata, counts, self.start_ns, int(self._reader.duration) - 1):
+            types = {topic.name: topic.msgtype for topic in self.topics}
+            for fault in contradictions(metadata, counts, types, self.start_ns, int(self._reader.duration) - 1):
                 self._note(fault)
         return self
 

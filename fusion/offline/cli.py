@@ -79,7 +79,7 @@ def fuse(
 @click.option("--config", type=_PATH, metavar="YAML", help="Parameters in ROS form, for the region of interest.")
 @click.option("--image-topic", "image", metavar="T", help="Panoramas to preview.")
 def inspect(bag: Path, roi_preview: Path | None, config: Path | None, image: str | None) -> None:
-    """Show topics, rates, gaps and faulty stamps of BAG, its image size, and what 'fuse' would take."""
+    """Show topics, rates, gaps and faulty stamps of BAG, its image size, what 'fuse' would take, and what is wrong."""
     from fusion.offline.inspect import inspect_bag
     from fusion.offline.topics import TopicRequest
     from fusion.settings import load_settings

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -65,7 +66,7 @@ def fuse_bag(
             with progress_bar("fusing") as progress:
                 run = fuse_recording(recording, settings, progress)
             if not run.rows:
-                raise BagError(f"{path}: no sample was usable: {dict(recording.dropped)}")
+                raise BagError(f"{path}: no sample was usable: {_reasons(recording.dropped + run.fusion_counts)}")
             if smooth:
                 smooth_run(run, settings)
             summary = summarise(run, recording)
@@ -74,3 +75,7 @@ def fuse_bag(
     for reason, count in recording.dropped.items():
         log.warning("%d unusable: %s", count, reason)
     return Fused(out, run, summary)
+
+
+def _reasons(counts: Counter[str]) -> str:
+    return ", ".join(f"{count} {reason}" for reason, count in counts.most_common())

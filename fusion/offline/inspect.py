@@ -15,7 +15,9 @@ from compass import CompassConfig, ImageError
 from compass.image import Image, to_grey
 from fusion.messages import image_of
 from fusion.offline.bag import COMPRESSED_IMAGE, IMAGE, IMU, ODOMETRY, Bag, BagError, Topic
+from fusion.offline.clock_steps import YEAR_2200_NS
 from fusion.offline.console import progress_bar, table
+from fusion.offline.first_look import first_look
 from fusion.offline.recording import Floats, Times
 from fusion.offline.staging import staged_file
 from fusion.offline.topics import TopicRequest, choose_topics, is_depth
@@ -25,7 +27,6 @@ _FUSED = (IMU, ODOMETRY, IMAGE, COMPRESSED_IMAGE)
 MOST = (0.02, 0.98, 0.5)  # from where to where nearly all stamps lie, and their median, as parts of all
 DAY_NS = 86_400_000_000_000  # longer than a drive
 YEAR_2000_NS = 946_684_800_000_000_000  # before it no bag was recorded
-YEAR_2200_NS = 7_258_118_400_000_000_000
 LATEST_NS = 2**63 - 1
 
 
@@ -98,7 +99,8 @@ def inspect_bag(
         timings = _timings(bag)
         lines = [table(_HEADER, [_line(topic, timings.get(topic.name)) for topic in bag.topics], 2)]
         lines += ["", *_images(bag), *_roles(bag, settings, request)]
-        lines += [f"problem: {problem}" for problem in (*bag.faults, *problems(bag.topics, timings))]
+        found = [*problems(bag.topics, timings), *first_look(bag, settings, request)]
+        lines += [f"problem: {' '.join(problem.split())}" for problem in (*bag.faults, *found)]
         if roi_preview is not None:
             topic = choose_topics(bag, settings.topics, request).image
             if topic is None:

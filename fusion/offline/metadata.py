@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -35,6 +35,8 @@ class Metadata:
         Messages in all.
     start_ns, duration_ns : int or None
         Record time of the first message, and from there to the last one, ns.
+    types : dict of str to str
+        Of each topic, as far as it says.
     """
 
     files: tuple[str, ...]
@@ -42,6 +44,7 @@ class Metadata:
     total: int | None
     start_ns: int | None
     duration_ns: int | None
+    types: Mapping[str, str] = field(default_factory=dict)
 
 
 def read_metadata(path: Path) -> Metadata:
@@ -71,7 +74,17 @@ def read_metadata(path: Path) -> Metadata:
         _number(_at(bag, "message_count")),
         _number(_at(bag, "starting_time", "nanoseconds_since_epoch")),
         _number(_at(bag, "duration", "nanoseconds")),
+        _types(_at(bag, "topics_with_message_count")),
     )
+
+
+def _types(topics: Any) -> dict[str, str]:
+    found = ((_at(one, "topic_metadata", "name"), _at(one, "topic_metadata", "type")) for one in _listed(topics))
+    return {name: msgtype for name, msgtype in found if isinstance(name, str) and isinstance(msgtype, str)}
+
+
+def _listed(topics: Any) -> list[Any]:
+    return topics if isinstance(topics, list) else []
 
 
 def _counts(topics: Any) -> dict[str, int] | None:
@@ -97,7 +110,9 @@ def _number(text: Any) -> int | None:
     return int(text) if isinstance(text, str) and re.fullmatch(r"-?\d{1,20}", text) else None
 
 
-def contradictions(said: Metadata, counts: Mapping[str, int], start_ns: int, duration_ns: int) -> list[str]:
+def contradictions(
+    said: Metadata, counts: Mapping[str, int], types: Mapping[str, str], start_ns: int, duration_ns: int
+) -> list[str]:
     """Where metadata.yaml and the files differ, a sentence each; the files are right."""
     faults = []
     total = sum(counts.values())
@@ -114,9 +129,11 @@ def contradictions(said: Metadata, counts: Mapping[str, int], start_ns: int, dur
             for one, other in ((listed, counts), (counts, listed))
         )
         differing = [f"{n} ({listed[n]} and {counts[n]})" for n in listed if n in counts and listed[n] != counts[n]]
+        retyped = [f"{n} ({said.types[n]} and {types[n]})" for n in types if said.types.get(n, types[n]) != types[n]]
         for names, what in (
             (absent, "topics that the files do not have"),
             (unknown, "not all topics that the files have"),
+            (retyped, "other types than the files have"),
             (differing, "other numbers of messages than the files have"),
         ):
             if names:

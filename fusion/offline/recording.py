@@ -7,7 +7,7 @@ import logging
 import math
 from array import array
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import islice
 from typing import Any, Protocol
@@ -24,8 +24,9 @@ from fusion.imu.level import ImuConfig, ImuLevel
 from fusion.lean import LATEST_NS, NEAR_NS, up_later
 from fusion.messages import NO_GYRO, NOTHING, MessageError, image_of, imu_reading, odometry_sample
 from fusion.offline.bag import Bag, BagError, Message, Topic
+from fusion.offline.clock_steps import ClockSteps, Recorded
 from fusion.offline.decode import decode_ahead
-from fusion.offline.times import Span, clock_warning, of_one_time, usable
+from fusion.offline.times import Span, clock_warning, of_one_time, usable, wrong_stamps
 from fusion.offline.topics import TopicChoice
 from fusion.samples import GyroSample, OdometrySample
 
@@ -34,7 +35,12 @@ log = logging.getLogger(__name__)
 FRAMES_OUT_OF_ORDER = 8  # images are put in order within so many; further ones the compass refuses and counts
 LOST = 0.01  # of all messages; single ones are dropped by any link
 FIRST_IMAGES = 20  # of which the stamp in the middle is taken for right
-HOPELESS = 10  # after so many unusable images and no usable one the reason is given and the run ends
+SMALL = (Sensor.GYRO, Sensor.TRACKS)  # read at once
+LAST_NS = 2**63 - 1  # that can be written
+ELSEWHERE = "image: its stamp is from another time"
+CLOCK_SET = "image: its clock was set in mid drive"
+MOST_FOREIGN = 3000  # images of another time that are looked through for one of the others' time
+HOPELESS = 300  # images, none of them usable, that are tried: ten seconds of what a camera sends before it sees
 
 Floats = npt.NDArray[np.float64]
 Times = npt.NDArray[np.int64]
@@ -66,6 +72,11 @@ class GyroTrack:
         rows = np.frombuffer(values, np.float64).reshape(-1, 6)
         return GyroTrack(np.frombuffer(t_ns, np.int64), rows[:, 0], rows[:, 1:4], rows[:, 4], rows[:, 5])
 
+    def until(self, t_ns: int) -> GyroTrack:
+        """Up to a stamp, ns."""
+        n = int(np.searchsorted(self.t_ns, t_ns, side="right"))
+        return GyroTrack(self.t_ns[:n], self.yaw_rate[:n], self.up[:n], self.cross_rate[:n], self.variance[:n])
+
     def up_at(self, t_ns: int) -> Vector | None:
         """The vertical in the robot's frame at a stamp, ns, as `LeanLog` knows it then."""
         before = int(np.searchsorted(self.t_ns, t_ns - LATEST_NS, side="right")) - 1
@@ -96,6 +107,11 @@ class OdometryTrack:
     yaw_rate: Floats
     speed: Floats
     yaw: Floats
+
+    def until(self, t_ns: int) -> OdometryTrack:
+        """Up to a stamp, ns."""
+        n = int(np.searchsorted(self.t_ns, t_ns, side="right"))
+        return OdometryTrack(self.t_ns[:n], self.yaw_rate[:n], self.speed[:n], self.yaw[:n])
 
     def samples(self) -> Iterator[OdometrySample]:
         """One by one, for the filter."""
@@ -170,6 +186,10 @@ class BagRecording:
         What was wrong with clocks and the IMU.
     vertical_words : str
         Where the gyro's vertical came from at the end, in words.
+    witnesses : sequence of Recorded
+        When the samples of gyro and tracks were recorded.
+    within : Span or None
+        Time of the recording by most sensors' stamps.
     """
 
     bag: Bag
@@ -182,14 +202,17 @@ class BagRecording:
     dropped: Counter[str] = field(default_factory=Counter)
     found: list[Warning] = field(default_factory=list)
     vertical_words: str = ""
+    witnesses: Sequence[Recorded] = ()
+    within: Span | None = None
 
     @property
     def warnings(self) -> list[Warning]:
         """What is wrong with it as far as it was read, most serious first; messages that are missing included."""
         since_ns = next((int(track.t_ns[0]) for track in (self.gyro, self.odometry) if track.t_ns.size), 0)
         told = list(self.bag.faults)
-        # halves of messages have a warning of their own
-        dropped = {reason: count for reason, count in sorted(self.dropped.items()) if NO_GYRO not in reason}
+        # halves of messages and clocks have warnings of their own
+        known = NO_GYRO, CLOCK_SET, ELSEWHERE
+        dropped = {why: count for why, count in sorted(self.dropped.items()) if not any(one in why for one in known)}
         if sum(dropped.values()) > LOST * sum(topic.count for topic in self.choice):
             told += [f"{count} unusable: {reason}" for reason, count in dropped.items()]
         lost = [Warning("samples_lost", "recording", since_ns, "; ".join(told))] if told else []
@@ -218,16 +241,38 @@ class BagRecording:
         if unusable and not usable:
             raise BagError(f"{self.bag.path}: {topic.name}: no usable image among the first {unusable}: {fault}")
 
+    def image_stamps(self) -> Iterator[int]:
+        """Stamps of the panoramas that have any, ns, as recorded."""
+        if self.choice.image:
+            yield from (m.stamp_ns for m in self.bag.messages(self.choice.image.name) if m.stamp_ns > 0)
+
     def _stamped_images(self, topic: Topic) -> Iterator[tuple[int, Any]]:
         """Stamps and messages, ordered by stamp within a bounded window."""
-        for message in in_order(self.bag.messages(topic.name), FRAMES_OUT_OF_ORDER):
+        for message in in_order(self._of_one_clock(topic), FRAMES_OUT_OF_ORDER):
             yield message.stamp_ns, self.bag.deserialize(message)
+
+    def _of_one_clock(self, topic: Topic) -> Iterator[Message]:
+        """Messages of the recording's time, as long as their clock is that of the first one."""
+        clock, found = ClockSteps(Sensor.COMPASS, self.witnesses), list(self.found)
+        elsewhere: list[int] = []
+        for message in self.bag.messages(topic.name):
+            t_ns = message.stamp_ns
+            if t_ns > 0 and self.within and not self.within.near(np.array(t_ns)):
+                elsewhere.append(t_ns)
+                self.dropped[ELSEWHERE] += 1
+                wrong = [wrong_stamps(Sensor.COMPASS, len(elsewhere), elsewhere[0], self.within)]
+            elif t_ns <= 0 or clock.follows(t_ns, message.record_ns):
+                yield message
+                continue
+            else:
+                self.dropped[CLOCK_SET] += 1
+            self.found = found + clock.warnings() + (wrong if elsewhere else [])
 
     def _decode(self, stamped: tuple[int, Any]) -> tuple[Frame | None, str]:
         """The frame, or why there is none. Runs in a thread."""
         t_ns, message = stamped
         if t_ns <= 0:
-            return None, "header.stamp is zero"
+            return None, "header.stamp is zero or negative"
         try:
             image, encoding = image_of(message, self.columns)
         except ImageError as error:
@@ -255,7 +300,7 @@ def read_recording(
             progress(count / total)
     progress(1.0)
     level, warnings = ImuLevel(imu), WarningLog()
-    choice = _of_one_time(bag, choice, columns_of, warnings)
+    choice, within = _of_one_time(bag, choice, columns_of, warnings)
     gyro = GyroTrack.of(_levelled(_sorted(bag, columns_of, choice.gyro, 10), level, warnings))
     if choice.gyro:
         without = len(columns_of[choice.gyro.name].t_ns) - gyro.t_ns.size
@@ -276,11 +321,15 @@ def read_recording(
         dropped,
         warnings.all(),
         level.vertical,
+        [columns_of[topic.name].recorded for topic in (choice.gyro, choice.odometry) if topic],
+        within,
     )
 
 
-def _of_one_time(bag: Bag, choice: TopicChoice, columns: dict[str, _Columns], log: WarningLog) -> TopicChoice:
-    """The topics whose stamps have time in common, their samples without those of another time.
+def _of_one_time(
+    bag: Bag, choice: TopicChoice, columns: dict[str, _Columns], log: WarningLog
+) -> tuple[TopicChoice, Span | None]:
+    """The topics whose stamps have time in common, their samples without those of another time; and that time.
 
     Raises
     ------
@@ -288,13 +337,15 @@ def _of_one_time(bag: Bag, choice: TopicChoice, columns: dict[str, _Columns], lo
         No two of the sensors have time in common.
     """
     topics = {Sensor.GYRO: choice.gyro, Sensor.TRACKS: choice.odometry, Sensor.COMPASS: choice.image}
-    spans = {}
-    for sensor, topic in topics.items():
-        if topic is not None:
-            known = columns.get(topic.name)
-            span = _image_span(bag, topic) if known is None else Span.of(known.stamps) if known.t_ns else None
-            if span is not None:
-                spans[sensor] = span
+    spans: dict[Sensor, Span] = {}
+    for sensor in SMALL:
+        topic = topics[sensor]
+        if topic is not None and columns[topic.name].t_ns:
+            spans[sensor] = Span.of(columns[topic.name].stamps)
+    if choice.image is not None:
+        images = _image_span(bag, choice.image, list(spans.values()))
+        if images is not None:
+            spans[Sensor.COMPASS] = images
     together = of_one_time(spans)
     if len(spans) > 1 and len(together) < 2:
         told = "; ".join(f"{sensor.value} {span.words()}" for sensor, span in spans.items())
@@ -303,26 +354,40 @@ def _of_one_time(bag: Bag, choice: TopicChoice, columns: dict[str, _Columns], lo
         Span(min(spans[s].first_ns for s in together), max(spans[s].last_ns for s in together)) if together else None
     )
     if whole is None:
-        return choice
+        return choice, None
     foreign = spans.keys() - together
     log.note(clock_warning(sensor, spans[sensor], whole) for sensor in foreign)
-    for sensor in together - {Sensor.COMPASS}:
-        topic = topics[sensor]
-        if topic is not None:
-            keep, wrong = usable(sensor, columns[topic.name].stamps, whole)
-            columns[topic.name].only(keep)
-            log.note(wrong)
+    small = {sensor: columns[topic.name] for sensor in SMALL if sensor in together and (topic := topics[sensor])}
+    recorded = {sensor: column.recorded for sensor, column in small.items()}
+    for sensor, column in small.items():
+        others = [one for other, one in recorded.items() if other is not sensor]
+        present = [spans[other] for other in together if other is not sensor]
+        keep, wrong = usable(sensor, recorded[sensor], whole, others, present, column.told)
+        column.only(keep)
+        log.note(wrong)
     fields = {Sensor.GYRO: "gyro", Sensor.TRACKS: "odometry", Sensor.COMPASS: "image"}
-    return replace(choice, **{fields[sensor]: None for sensor in foreign})
+    return replace(choice, **{fields[sensor]: None for sensor in foreign}), whole
 
 
-def _image_span(bag: Bag, topic: Topic) -> Span | None:
-    """From the first images on, and on for as long as was recorded after them."""
-    first = [(m.stamp_ns, m.record_ns) for m in islice(bag.messages(topic.name), FIRST_IMAGES) if m.stamp_ns > 0]
+def _image_span(bag: Bag, topic: Topic, others: Sequence[Span]) -> Span | None:
+    """From the first images on, and on for as long as was recorded after them.
+
+    Where these are of another time than all others, from the first one of the others' time on.
+    """
+    images = ((m.stamp_ns, m.record_ns) for m in bag.messages(topic.name) if m.stamp_ns > 0)
+    first = list(islice(images, FIRST_IMAGES))
     if not first:
         return None
-    stamp_ns, record_ns = first[len(first) // 2]
-    return Span(stamp_ns, stamp_ns + max(bag.end_ns - record_ns, 0))
+
+    def until_the_end(stamp_ns: int, record_ns: int) -> Span:
+        return Span(stamp_ns, stamp_ns + max(bag.end_ns - record_ns, 0))
+
+    span = until_the_end(*first[len(first) // 2])
+    if others and not any(span.meets(other) for other in others):
+        more = islice(images, MOST_FOREIGN)
+        found = (one for one in more if any(Span(one[0], one[0]).meets(other) for other in others))
+        return next((until_the_end(*one) for one in found), span)
+    return span
 
 
 def in_order(messages: Iterable[Message], window: int) -> Iterator[Message]:
@@ -349,7 +414,7 @@ class _Columns:
 
     def __init__(self, topic: Topic) -> None:
         self._convert = _imu_row if topic.msgtype.endswith("Imu") else _odometry_row
-        self.t_ns = array("q")
+        self.t_ns, self.record_ns = array("q"), array("q")
         self.values = array("d")
         self.fault = ""
 
@@ -361,6 +426,7 @@ class _Columns:
             dropped[f"{message.topic}: {error}"] += 1
             return
         self.t_ns.append(t_ns)
+        self.record_ns.append(min(max(message.record_ns, 0), LAST_NS))
         self.values.extend(row)
 
     @property
@@ -368,10 +434,22 @@ class _Columns:
         """In the order of recording."""
         return np.array(self.t_ns, np.int64)
 
+    @property
+    def recorded(self) -> Recorded:
+        """The stamps, and when they were recorded."""
+        return Recorded(np.array(self.record_ns, np.int64), self.stamps)
+
+    @property
+    def told(self) -> npt.NDArray[np.bool_]:
+        """Which say anything of a turn: messages of an IMU may bring the accelerometer's half only."""
+        rows = np.array(self.values).reshape(len(self.t_ns), -1)
+        return np.nan_to_num(rows[:, :3]).any(axis=1) if self._convert is _imu_row else np.ones(len(rows), bool)
+
     def only(self, keep: npt.NDArray[np.bool_]) -> None:
         """Leave out the others."""
         if not keep.all():
             rows = np.array(self.values).reshape(keep.size, -1)[keep]
+            self.record_ns = array("q", np.array(self.record_ns, np.int64)[keep].tolist())
             self.t_ns, self.values = array("q", self.stamps[keep].tolist()), array("d", rows.ravel().tolist())
 
 

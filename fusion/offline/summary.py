@@ -51,6 +51,7 @@ def summarise(run: FusedRun, recording: BagRecording) -> dict[str, Any]:
         "start_ns": int(t_ns[0]) if t_ns.size else None,
         "duration_s": float((t_ns[-1] - t_ns[0]) * 1e-9) if t_ns.size else 0.0,
         "gyro_vertical": recording.vertical,
+        "vertical_words": recording.vertical_words if run.gyro.t_ns.size else None,
         "greatest_lean_deg": _greatest_lean_deg(run.gyro),
         "truth_turned_deg": None if run.truth is None else _deg(run.truth.yaw[-1] - run.truth.yaw[0]),
         "yaw": yaws,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,8 +11,10 @@ import numpy.typing as npt
 from fusion.checks.clocks import StampSequence
 from fusion.checks.warnings import Warning
 from fusion.events import Sensor
+from fusion.offline.clock_steps import ClockSteps, Recorded
 
 Times = npt.NDArray[np.int64]
+DAY_NS = 86_400_000_000_000  # longer than a drive
 MARGIN_NS = 60_000_000_000  # beyond all else in the recording; stamps further off are from another time
 
 
@@ -25,13 +27,22 @@ class Span:
 
     @staticmethod
     def of(t_ns: Times) -> Span:
-        """Of stamps of which some may be wrong: the middle half, and as much again to both sides."""
-        low, high = (int(x) for x in np.quantile(t_ns, (0.25, 0.75), method="nearest"))
+        """Of stamps of which some may be wrong: the middle half, and as much again to both sides.
+
+        Where days lie between them, of the more frequent ones.
+        """
+        ordered = np.sort(t_ns)
+        ages = np.split(ordered, np.flatnonzero(np.diff(ordered) > DAY_NS) + 1)
+        low, high = (int(x) for x in np.quantile(max(ages, key=len), (0.25, 0.75), method="nearest"))
         return Span(low - (high - low), high + (high - low))
 
     def meets(self, other: Span) -> bool:
         """Whether they have any time in common."""
         return self.first_ns <= other.last_ns and other.first_ns <= self.last_ns
+
+    def near(self, t_ns: Times) -> npt.NDArray[np.bool_]:
+        """Which stamps lie within, or `MARGIN_NS` from it."""
+        return (t_ns >= self.first_ns - MARGIN_NS) & (t_ns <= self.last_ns + MARGIN_NS)
 
     def words(self) -> str:
         """In seconds, or as a date where it is one."""
@@ -55,18 +66,36 @@ def clock_warning(sensor: Sensor, span: Span, others: Span) -> Warning:
     return Warning("clock_mismatch", sensor.value, others.first_ns, text)
 
 
-def usable(sensor: Sensor, t_ns: Times, within: Span) -> tuple[npt.NDArray[np.bool_], list[Warning]]:
-    """Which stamps to use, of a sensor's in the order of recording, and what was wrong with the others."""
-    near = (t_ns >= within.first_ns - MARGIN_NS) & (t_ns <= within.last_ns + MARGIN_NS)
-    sequence = StampSequence(sensor)
-    keep = near.copy()
-    keep[near] = [sequence.fits(t) for t in t_ns[near].tolist()]
-    warnings = sequence.warnings()
+def usable(
+    sensor: Sensor,
+    recorded: Recorded,
+    within: Span,
+    others: Sequence[Recorded],
+    present: Sequence[Span],
+    told: npt.NDArray[np.bool_],
+) -> tuple[npt.NDArray[np.bool_], list[Warning]]:
+    """Which samples to use, of a sensor's in the order of recording, and what was wrong with the stamps of the rest.
+
+    `others` are what the other sensors recorded, as far as it was read, and `present` when each of them spoke.
+    Samples that are false in `told` (N,) tell nothing of a turn, and may share their stamp with one that does.
+    """
+    t_ns, near = recorded.t_ns, within.near(recorded.t_ns)
+    own, sequence, keep = recorded.only(near), StampSequence(sensor), near.copy()
+    clock = ClockSteps(sensor, [one.only(within.near(one.t_ns)) for one in others], own)
+    keep[near] = clock.following(own, [(span.first_ns, span.last_ns) for span in present])
+    judged = keep & told
+    keep[judged] = [sequence.fits(one) for one in t_ns[judged].tolist()]
+    warnings = clock.warnings() + sequence.warnings()
     if not near.all():
-        wrong = int(t_ns[~near][0])
-        text = (
-            f"{sensor.value}: {np.count_nonzero(~near)} of {t_ns.size} stamps are from another time, such as "
-            f"{Span(wrong, wrong).words()}, and were left out: see to the driver's clock"
-        )
-        warnings.append(Warning("stamps_wrong", sensor.value, within.first_ns, text))
+        warnings.append(wrong_stamps(sensor, int(np.count_nonzero(~near)), int(t_ns[~near][0]), within))
     return keep, warnings
+
+
+def wrong_stamps(sensor: Sensor, count: int, example_ns: int, within: Span) -> Warning:
+    """On so many of a sensor's stamps that are from another time than the recording."""
+    example = Span(example_ns, example_ns).words()
+    text = (
+        f"{sensor.value}: {count} stamps are from another time, such as {example}, and were left out: see to the "
+        "driver's clock"
+    )
+    return Warning("stamps_wrong", sensor.value, within.first_ns, text)
