@@ -133,10 +133,14 @@ class Third:
         """With a window in which the followed one turned by `followed`, and the doubted one by `difference` more."""
         if claim is None:
             return self
+        beyond = claim.turn - followed
+        outside = max(beyond - max(difference, 0.0), min(difference, 0.0) - beyond, 0.0)
+        if outside > AGREEING * abs(difference) + CLEAR * claim.sigma:
+            return self  # it contradicts both
         weighed = difference / claim.noise**2
         return Third(
             self.information + weighed * difference,
-            self.moment + weighed * (claim.turn - followed),
+            self.moment + weighed * beyond,
             self.scaled + weighed * claim.turn,
             max(self.scale, claim.scale),
         )

@@ -43,7 +43,7 @@ def judge(iso: Isolation, window: Window, bias: float) -> Judged:
     for rule in (_settle_doubts, _judge_excluded, _judge_trusted):
         iso, remedy = rule(iso, window, bias)
         remedies.append(remedy)
-        if remedy.delay:  # that is all there is to this window
+        if remedy.delay or remedy.shift:  # that is all there is to this window
             break
     remedy = Remedy.of(remedies)
     if remedy.shift or remedy.delay:
@@ -77,7 +77,9 @@ def _with_window(doubt: Doubt, window: Window, bias: float) -> Doubt:
     if doubt.sensor is Sensor.TRACKS or claim is None:
         return replace(doubt, rate=0.0)
     turn, followed = doubt.turn(claim, window.seconds, bias), window.claim(doubt.against)
-    third = doubt.third.plus(window.tracks, followed.turn, turn - followed.turn) if followed else doubt.third
+    third = doubt.third
+    if contradict(replace(claim, turn=turn), followed, window.seconds) and followed:  # in others it takes no side
+        third = third.plus(window.tracks, followed.turn, turn - followed.turn)
     return replace(doubt.plus(turn - window.followed, window), third=third)
 
 
