@@ -109,7 +109,8 @@ def _follow(iso: Isolation, doubt: Doubt, window: Window) -> Judged:
     if claim and wrong:
         iso = iso.excluding(doubt.against, window, claim.turn, wrong.turn - claim.turn)
     restored = doubt.bias if doubt.sensor is Sensor.GYRO else None
-    return iso, Remedy(doubt.offset, claim.sigma**2 if claim else 0.0, restored)
+    rate = claim.turn / window.seconds if claim and doubt.against is Sensor.GYRO else None
+    return iso, Remedy(doubt.offset, claim.sigma**2 if claim else 0.0, restored, rate=rate)
 
 
 def _as_before(iso: Isolation, doubt: Doubt, window: Window, bias: float) -> bool:
