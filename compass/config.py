@@ -13,7 +13,7 @@ class CompassConfig(ParameterSet):
     """Settings of `VisualCompass`; every field has a default, an unusable value raises `ConfigError`."""
 
     method: str = parameter(
-        "parallax", "how a yaw increment is found; see the methods' pages in compass/README.md", choices=METHODS
+        "corners", "how a yaw increment is found; see the methods' pages in compass/README.md", choices=METHODS
     )
     roi_top: float = parameter(
         0.25, "upper edge of the region of interest, a fraction of image height", low=0.0, high=1.0
