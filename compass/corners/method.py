@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from compass.angles import wrap_angle
+from compass.attitude import tilt_between
 from compass.corners.motion import PURE, Motion, yaw_variance
 from compass.corners.picture import HALF, Picture
 from compass.corners.points import Floats, Patches, cut_patches, find_corners
@@ -24,7 +25,6 @@ from compass.match import Match, Search
 from compass.sectors import match_sectors
 from compass.strip import Strip
 from compass.turn import pooled_turn, turn_variance
-from compass.untilt import tilt_between
 
 NARROWEST = 256  # columns; with fewer a patch is larger than what it shows
 LOWEST = 4 * HALF  # rows
@@ -37,6 +37,7 @@ LEAN_SIGMA, UNKNOWN_LEAN = 0.01, 0.045  # rad, error of how the camera leans, wi
 UNRELATED_PX = 0.18  # a deviation beyond it: no motion explains the corners, they show another place
 LOCK_PX = 0.012  # by which corners that all move by the same part of a column err: photographs of a city and a forest
 DISAGREE = 3.0  # deviations by which all rows and the corners may differ
+LEVEL = (0.0, 0.0)  # no tilt
 LEVEL_PX = 0.15  # tilt at the horizon, rows, above which rows pooled mix it with the turn
 
 
@@ -81,19 +82,12 @@ class CornerTracker:
             return match_sectors(reference, current, search)
         coarse = coarse_shift(upright_spectrum(reference, current), reference.columns, search)
         self._newest = Picture(current)
-        tracks, turned_px = _tracked(key, self._newest, coarse, projection)
-        energy = key.patches.contrast**2
-        confidence = float(np.clip(tracks.likeness @ energy[tracks.index] / energy.sum(), 0.0, 1.0))
-        if tracks.index.size < FEWEST:
-            key.motion = Motion.unknown()
-            return Match(float(coarse.shift_px), math.inf, confidence)
-        problem = _problem(key, tracks, turned_px, projection, current)
-        fit = key.motion.follow(problem)
-        spread = quantile(np.abs(fit.along[0]), 0.75) / problem.per_column
-        match = _judged(key, tracks, fit, problem, Match(0.0, math.inf, confidence, coarse.status, spread))
-        match = _pure_turn(key, fit, problem, current, match) or match
-        if match.status is CompassStatus.LOW_CONFIDENCE:  # what misled this image shall not mislead the next one
-            key.motion = Motion.unknown()
+        told = _told_tilt(reference, current, coarse.shift_px * projection.per_column)
+        before = key.last, key.predicted
+        match = _compared(key, self._newest, coarse, projection, told)
+        if told != LEVEL and match.status is CompassStatus.LOW_CONFIDENCE:  # an IMU may err
+            key.last, key.predicted = before
+            match = _compared(key, self._newest, coarse, projection, LEVEL)
         return match
 
     def _keyframe_of(self, strip: Strip, projection: Projection) -> Keyframe:
@@ -113,13 +107,33 @@ class CornerTracker:
         return self._keyframe
 
 
-def _tracked(key: Keyframe, now: Picture, coarse: CoarseShift, projection: Projection) -> tuple[Tracks, float]:
+def _compared(
+    key: Keyframe, now: Picture, coarse: CoarseShift, projection: Projection, tilt: tuple[float, float]
+) -> Match:
+    """How an image lies on the keyframe, if the scene has about so tilted since, rad."""
+    tracks, turned_px = _tracked(key, now, coarse, projection, tilt)
+    energy = key.patches.contrast**2
+    confidence = float(np.clip(tracks.likeness @ energy[tracks.index] / energy.sum(), 0.0, 1.0))
+    match = Match(float(coarse.shift_px), math.inf, confidence, CompassStatus.LOW_CONFIDENCE)
+    if tracks.index.size >= FEWEST:
+        problem = _problem(key, tracks, turned_px, projection, tilt)
+        fit = key.motion.follow(problem)
+        spread = quantile(np.abs(fit.along[0]), 0.75) / problem.per_column
+        match = _judged(key, tracks, fit, problem, Match(0.0, math.inf, confidence, coarse.status, spread))
+        match = _pure_turn(key, fit, problem, now.strip, match) or match
+    if match.status is CompassStatus.LOW_CONFIDENCE:  # what misled this image shall not mislead the next one
+        key.motion = Motion.unknown()
+    return match
+
+
+def _tracked(
+    key: Keyframe, now: Picture, coarse: CoarseShift, projection: Projection, tilt: tuple[float, float]
+) -> tuple[Tracks, float]:
     """Corners found again, and how far their median has moved since the last image whose motion is known, columns.
 
     They are sought where they were last, moved as the image seems to have rotated since.
     """
-    turn = coarse.shift_px * projection.per_column
-    rotation = undo(turn, *_told_tilt(key.picture.strip, now.strip, turn)).T
+    rotation = undo(coarse.shift_px * projection.per_column, *tilt).T
     predicted = projection.pixels(rotation @ key.tangents.ahead) - key.patches.centre
     moved = predicted - key.predicted
     guess = key.last + np.stack([signed(moved[:, 0], now.columns), moved[:, 1]], axis=1)
@@ -138,17 +152,19 @@ def _tracked(key: Keyframe, now: Picture, coarse: CoarseShift, projection: Proje
 def _told_tilt(reference: Strip, current: Strip, turn: float) -> tuple[float, float]:
     """Tilt of the scene about x and y since the keyframe as an IMU tells, rad; none without one."""
     if reference.up is None or current.up is None:
-        return 0.0, 0.0
+        return LEVEL
     return tilt_between(reference.up, current.up, turn)
 
 
-def _problem(key: Keyframe, tracks: Tracks, turned_px: float, projection: Projection, current: Strip) -> Problem:
+def _problem(
+    key: Keyframe, tracks: Tracks, turned_px: float, projection: Projection, tilt: tuple[float, float]
+) -> Problem:
     """Ways of the corners, as directions, and what is known before they are asked."""
     tangents = key.tangents.some(tracks.index)
     seen = projection.directions(tracks.at + key.patches.centre[tracks.index])
     start = key.motion.start.states[0].copy()
     yaw = float(start[YAW]) + turned_px * projection.per_column
-    prior = np.array([yaw, *_told_tilt(key.picture.strip, current, yaw), 0.0, 0.0])
+    prior = np.array([yaw, *tilt, 0.0, 0.0])
     start[ROTATION] = prior[ROTATION]
     precision = np.array([0.0, TILT_SIGMA**-2, TILT_SIGMA**-2, 0.0, CLIMB_SIGMA**-2])
     moved = tangents.project(undo(*start[ROTATION]) @ seen)
