@@ -53,6 +53,8 @@ class Keyframe:
         Columns and rows where they were seen last, or would have been.
     predicted : (n, 2) array
         Where the last image's coarse shift, and the IMU's tilt, put them.
+    pace : (n, 2) array
+        How far each moved beside that from the image before to the last.
     motion : Motion
         What the images since have told.
     """
@@ -62,6 +64,7 @@ class Keyframe:
     tangents: Tangents
     last: Floats
     predicted: Floats
+    pace: Floats
     motion: Motion
 
 
@@ -83,10 +86,10 @@ class CornerTracker:
         coarse = coarse_shift(upright_spectrum(reference, current), reference.columns, search)
         self._newest = Picture(current)
         told = _told_tilt(reference, current, coarse.shift_px * projection.per_column)
-        before = key.last, key.predicted
+        before = key.last, key.predicted, key.pace
         match = _compared(key, self._newest, coarse, projection, told)
         if told != LEVEL and match.status is CompassStatus.LOW_CONFIDENCE:  # an IMU may err
-            key.last, key.predicted = before
+            key.last, key.predicted, key.pace = before
             match = _compared(key, self._newest, coarse, projection, LEVEL)
         return match
 
@@ -103,7 +106,7 @@ class CornerTracker:
             motion = old.motion
             state = motion.start.states[0]
             motion.start.states = np.array([[0.0, 0.0, 0.0, state[DIRECTION] - state[YAW], state[CLIMB]]])
-        self._keyframe = Keyframe(picture, patches, tangents, patches.at, patches.at, motion)
+        self._keyframe = Keyframe(picture, patches, tangents, patches.at, patches.at, np.zeros_like(patches.at), motion)
         return self._keyframe
 
 
@@ -136,7 +139,8 @@ def _tracked(
     rotation = undo(coarse.shift_px * projection.per_column, *tilt).T
     predicted = projection.pixels(rotation @ key.tangents.ahead) - key.patches.centre
     moved = predicted - key.predicted
-    guess = key.last + np.stack([signed(moved[:, 0], now.columns), moved[:, 1]], axis=1)
+    key_pace = key.pace
+    guess = key.last + np.stack([signed(moved[:, 0], now.columns), moved[:, 1]], axis=1) + key_pace
     tracks = track(key.picture, key.patches, now, guess.astype(np.float32))
     if now.clear is not None:
         column, row = np.rint(tracks.at).astype(np.intp).T
@@ -144,6 +148,8 @@ def _tracked(
     since = key.patches.at if key.motion.is_unknown else key.last
     expected = coarse.shift_px if key.motion.is_unknown else 0
     ways = signed(tracks.at[:, 0] - since[tracks.index, 0] - expected, now.columns) + expected
+    key.pace = np.zeros_like(guess)
+    key.pace[tracks.index] = tracks.at - guess[tracks.index] + key_pace[tracks.index]
     key.last, key.predicted = guess, predicted
     key.last[tracks.index] = tracks.at
     return tracks, quantile(ways, 0.5) if ways.size else 0.0

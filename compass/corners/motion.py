@@ -28,7 +28,7 @@ CLIPPED = 3.0  # deviations: a corner has no more to say
 # from the image before parts of one; the last rounds are without.
 FIRST_PX = np.array([2.0, 1.0, 0.5, 0.2, 0.0, 0.0])
 TRIAL_PX = np.array([1.0, 0.5, 0.25, 0.1, 0.0])
-NEXT_PX = np.array([0.5, 0.1, 0.0, 0.0])
+NEXT_PX = np.array([0.2, 0.05, 0.0, 0.0])
 LAST_PX = np.zeros(3)
 
 

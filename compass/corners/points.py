@@ -13,7 +13,7 @@ from compass.strip import Pixels
 
 Floats = npt.NDArray[np.floating]
 
-SECTORS, PER_SECTOR = 32, 7  # corners are spread over the circle: the strongest of each sector
+SECTORS, PER_SECTOR = 32, 6  # corners are spread over the circle: the strongest of each sector
 WEAKEST = 3e-3  # smaller eigenvalue of a corner, of that of the strongest
 FLAT = 1e-2  # grey values^2 per pixel^2: keeps what has no gradient finite
 _OFFSETS = np.arange(-HALF, HALF + 1, dtype=np.float32)
@@ -112,13 +112,14 @@ def sample(pixels: Pixels, at: Pixels) -> Pixels:
     # rows lie one after another, so that long stretches of memory are multiplied at once
     flat = _windows(pixels, whole, 2, 3).reshape(count, -1)
     rows = down[0] * flat[:, : _SIDE * wide]
+    part = np.empty_like(rows)
     for k in range(1, 6):
-        rows += down[k] * flat[:, k * wide : (k + _SIDE) * wide]
+        rows += np.multiply(down[k], flat[:, k * wide : (k + _SIDE) * wide], out=part)
     patches = np.empty((count, _SIDE * wide), np.float32)
     end = _SIDE * wide - 5
     np.multiply(across[0], rows[:, :end], out=patches[:, :end])
     for k in range(1, 6):
-        patches[:, :end] += across[k] * rows[:, k : end + k]
+        patches[:, :end] += np.multiply(across[k], rows[:, k : end + k], out=part[:, :end])
     return patches.reshape(count, _SIDE, wide)[:, :, :_SIDE].reshape(count, -1)
 
 
