@@ -38,6 +38,7 @@ UNRELATED_PX = 0.18  # a deviation beyond it: no motion explains the corners, th
 LOCK_PX = 0.012  # by which corners that all move by the same part of a column err: photographs of a city and a forest
 DISAGREE = 3.0  # deviations by which all rows and the corners may differ
 LEVEL = (0.0, 0.0)  # no tilt
+STEADY = 2.0  # pixels from image to image; corners that move by less are expected to go on so
 LEVEL_PX = 0.15  # tilt at the horizon, rows, above which rows pooled mix it with the turn
 
 
@@ -138,20 +139,20 @@ def _tracked(
     """
     rotation = undo(coarse.shift_px * projection.per_column, *tilt).T
     predicted = projection.pixels(rotation @ key.tangents.ahead) - key.patches.centre
-    moved = predicted - key.predicted
-    key_pace = key.pace
-    guess = key.last + np.stack([signed(moved[:, 0], now.columns), moved[:, 1]], axis=1) + key_pace
-    tracks = track(key.picture, key.patches, now, guess.astype(np.float32))
+    rotated = predicted - key.predicted
+    expected = key.last + np.stack([signed(rotated[:, 0], now.columns), rotated[:, 1]], axis=1)
+    steady = not key.motion.is_unknown and quantile(np.abs(key.pace).max(axis=1), 0.9) < STEADY
+    guess = expected + key.pace if steady else expected
+    tracks = track(key.picture, key.patches, now, guess.astype(np.float32), 0 if steady else 1)
     if now.clear is not None:
         column, row = np.rint(tracks.at).astype(np.intp).T
         tracks = tracks.some(now.clear[row, column % now.columns])
     since = key.patches.at if key.motion.is_unknown else key.last
-    expected = coarse.shift_px if key.motion.is_unknown else 0
-    ways = signed(tracks.at[:, 0] - since[tracks.index, 0] - expected, now.columns) + expected
-    key.pace = np.zeros_like(guess)
-    key.pace[tracks.index] = tracks.at - guess[tracks.index] + key_pace[tracks.index]
-    key.last, key.predicted = guess, predicted
+    about = coarse.shift_px if key.motion.is_unknown else 0
+    ways = signed(tracks.at[:, 0] - since[tracks.index, 0] - about, now.columns) + about
+    key.last, key.predicted, key.pace = guess, predicted, np.zeros_like(guess)
     key.last[tracks.index] = tracks.at
+    key.pace[tracks.index] = tracks.at - expected[tracks.index]
     return tracks, quantile(ways, 0.5) if ways.size else 0.0
 
 

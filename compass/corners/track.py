@@ -19,11 +19,11 @@ from compass.strip import Pixels
 
 Index = npt.NDArray[np.intp]
 
-LEVELS, FAR_LEVELS = 0, 3  # of the pyramid above the picture itself: at first, and where too little is found with them
+FAR_LEVELS = 3  # of the pyramid above the picture itself, where too little is found with fewer
 ENOUGH = 0.7  # of the corners
 SETTLED = 0.2  # pixels; what the finer alignment moves by more is aligned again: it errs by a tenth of its way
 FARTHEST = 1.0  # pixels by which it may move a track in all
-STOP = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 4, 0.1)  # the finer alignment does the rest
+STOP = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 10, 0.03)
 # Pixels from where a corner is expected to where it may be: a patch there, what its interpolation needs round it, and
 # what the finer alignment adds lie within the picture's margin.
 REACH = MARGIN - HALF - 4 - FARTHEST
@@ -60,7 +60,7 @@ class Tracks:
         return Tracks(self.index[which], self.at[which], self.noise[which], self.likeness[which], self.columns)
 
 
-def track(before: Picture, patches: Patches, now: Picture, guess: Pixels) -> Tracks:
+def track(before: Picture, patches: Patches, now: Picture, guess: Pixels, levels: int = 1) -> Tracks:
     """Find corners again.
 
     Parameters
@@ -71,8 +71,10 @@ def track(before: Picture, patches: Patches, now: Picture, guess: Pixels) -> Tra
         Of all the keyframe's corners.
     guess : (n, 2) float32 array
         Columns and rows where they are expected, to some pixels.
+    levels : int
+        Of the pyramid above the picture itself: 0 where they are expected to a pixel or two.
     """
-    tracks = _tracked(before, patches, now, guess, LEVELS)
+    tracks = _tracked(before, patches, now, guess, levels)
     if tracks.index.size < ENOUGH * len(patches):
         farther = _tracked(before, patches, now, guess, FAR_LEVELS)
         tracks = farther if farther.index.size > tracks.index.size else tracks
