@@ -12,11 +12,11 @@ import numpy as np
 
 from compass.angles import wrap_angle
 from compass.attitude import tilt_between
-from compass.corners.motion import PURE, Motion, yaw_variance
+from compass.corners.motion import AGREE, Motion, yaw_variance
 from compass.corners.picture import HALF, Picture
 from compass.corners.points import Floats, Patches, cut_patches, find_corners
 from compass.corners.rays import Projection, Tangents, undo
-from compass.corners.solve import CLIMB, DIRECTION, ROTATION, TILT_X, TILT_Y, YAW, Fit, Problem
+from compass.corners.solve import CLIMB, DIRECTION, ROTATION, YAW, Fit, Problem
 from compass.corners.track import Tracks, track
 from compass.correlation import signed, upright_spectrum
 from compass.increment import CompassStatus
@@ -29,7 +29,6 @@ from compass.turn import pooled_turn, turn_variance
 NARROWEST = 256  # columns; with fewer a patch is larger than what it shows
 LOWEST = 4 * HALF  # rows
 FEWEST = 24  # corners that have to be found again, and to be inliers: five for each of a motion's unknowns
-INLIERS = 0.3  # of the corners that are found: with fewer another motion may have as many
 FLOOR_PX = 0.02  # deviation of a track that its patch does not know of, columns
 TILT_SIGMA = math.radians(3.0)  # of the scene between keyframe and image, beside what an IMU tells
 CLIMB_SIGMA = math.radians(4.0)  # of the direction of travel against the camera's level
@@ -39,7 +38,6 @@ LOCK_PX = 0.012  # by which corners that all move by the same part of a column e
 DISAGREE = 3.0  # deviations by which all rows and the corners may differ
 LEVEL = (0.0, 0.0)  # no tilt
 STEADY = 2.0  # pixels from image to image; corners that move by less are expected to go on so
-LEVEL_PX = 0.15  # tilt at the horizon, rows, above which rows pooled mix it with the turn
 
 
 @dataclass(slots=True, eq=False)
@@ -124,7 +122,7 @@ def _compared(
         fit = key.motion.follow(problem)
         spread = quantile(np.abs(fit.along[0]), 0.75) / problem.per_column
         match = _judged(key, tracks, fit, problem, Match(0.0, math.inf, confidence, coarse.status, spread))
-        match = _pure_turn(key, fit, problem, now.strip, match) or match
+        match = _pure_turn(key, fit, now.strip, match) or match
     if match.status is CompassStatus.LOW_CONFIDENCE:  # what misled this image shall not mislead the next one
         key.motion = Motion.unknown()
     return match
@@ -191,8 +189,8 @@ def _judged(key: Keyframe, tracks: Tracks, fit: Fit, problem: Problem, match: Ma
     variance = yaw_variance(fit, tracks, key.motion.travels) / px**2
     if not key.motion.travels:
         variance += LOCK_PX**2
-    inliers, status = float(fit.inlier.sum()), match.status
-    if variance > UNRELATED_PX**2 or inliers < max(FEWEST, INLIERS * tracks.index.size):
+    status = match.status
+    if variance > UNRELATED_PX**2 or fit.inlier.sum() < FEWEST:
         status = CompassStatus.LOW_CONFIDENCE
     # what a tilt has to do with the heading depends on how the camera leans (see `compass.attitude`)
     lean = UNKNOWN_LEAN if key.picture.strip.up is None else LEAN_SIGMA
@@ -200,10 +198,9 @@ def _judged(key: Keyframe, tracks: Tracks, fit: Fit, problem: Problem, match: Ma
     return Match(wrap_angle(yaw) / px, variance, match.confidence, status, match.spread_px, (tilt_x, tilt_y))
 
 
-def _pure_turn(key: Keyframe, fit: Fit, problem: Problem, current: Strip, match: Match) -> Match | None:
+def _pure_turn(key: Keyframe, fit: Fit, current: Strip, match: Match) -> Match | None:
     """The same by all rows pooled, where the camera only turned and they agree with the corners; else None."""
-    px, tilt = problem.per_column, float(np.hypot(fit.states[0, TILT_X], fit.states[0, TILT_Y]))
-    if key.motion.travels or fit.inlier.mean() < PURE or tilt > LEVEL_PX * px:
+    if key.motion.travels or fit.inlier.mean() < AGREE:
         return None
     reference = key.picture.strip
     peak, spectrum = pooled_turn(reference, current, match.shift_px)

@@ -10,7 +10,7 @@ Laird & Rubin 1977; for the t, Lange, Little & Taylor 1989, doi:10.1080/01621459
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -63,12 +63,6 @@ class Problem:
     def means(self) -> Floats:
         """(exponentials, 1, 1) mean parallaxes abeam, rad."""
         return (MEANS_PX * self.per_column)[:, None, None]
-
-    def thinned(self, step: int) -> Problem:
-        """The same with every `step`-th corner."""
-        some = slice(None, None, step)
-        tangents, moved, covariance = self.tangents.some(some), self.moved[some], self.covariance[:, some]
-        return replace(self, tangents=tangents, moved=moved, covariance=covariance)
 
 
 @dataclass(slots=True, eq=False)

@@ -28,7 +28,6 @@ STOP = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 10, 0.03)
 # what the finer alignment adds lie within the picture's margin.
 REACH = MARGIN - HALF - 4 - FARTHEST
 ALIKE = 0.8  # normalised correlation of a patch with what it is found as
-WINDOWED = float(WINDOW @ WINDOW)  # variance of a weighted mean of pixels, of that of one
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -104,7 +103,8 @@ def _tracked(before: Picture, patches: Patches, now: Picture, guess: Pixels, lev
         finer, left[again] = _aligned(patches, index[again], now, at[again])
         at[again] = np.clip(finer, rough[again] - FARTHEST, rough[again] + FARTHEST)
     likeness = np.sqrt(np.maximum(1.0 - left / patches.contrast[index] ** 2, 0.0))
-    return Tracks(index, at, left * WINDOWED, likeness, now.columns).some(likeness > ALIKE)
+    of_mean = np.float32(WINDOW @ WINDOW)  # variance of a weighted mean of pixels, of that of one
+    return Tracks(index, at, left * of_mean, likeness, now.columns).some(likeness > ALIKE)
 
 
 def _aligned(patches: Patches, index: Index, now: Picture, at: Pixels) -> tuple[Pixels, Pixels]:
