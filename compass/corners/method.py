@@ -34,9 +34,11 @@ TILT_SIGMA = math.radians(3.0)  # of the scene between keyframe and image, besid
 CLIMB_SIGMA = math.radians(4.0)  # of the direction of travel against the camera's level
 LEAN_SIGMA, UNKNOWN_LEAN = 0.01, 0.045  # rad, error of how the camera leans, with an IMU and without
 UNRELATED_PX = 0.18  # a deviation beyond it: no motion explains the corners, they show another place
+STRANGE = 50.0  # times a patch's own noise; tuned drives reach 48, corners that were taken for others 100
 LOCK_PX = 0.012  # by which corners that all move by the same part of a column err: photographs of a city and a forest
 DISAGREE = 3.0  # deviations by which all rows and the corners may differ
 LEVEL = (0.0, 0.0)  # no tilt
+MOST = 0.5  # of a keyframe's corners; with fewer inliers other starts are tried
 STEADY = 2.0  # pixels from image to image; corners that move by less are expected to go on so
 
 
@@ -56,6 +58,8 @@ class Keyframe:
         How far each moved beside that from the image before to the last.
     motion : Motion
         What the images since have told.
+    shift_px : int
+        Turn to the last image that told one, columns.
     """
 
     picture: Picture
@@ -65,6 +69,7 @@ class Keyframe:
     predicted: Floats
     pace: Floats
     motion: Motion
+    shift_px: int = 0
 
 
 class CornerTracker:
@@ -85,11 +90,16 @@ class CornerTracker:
         coarse = coarse_shift(upright_spectrum(reference, current), reference.columns, search)
         self._newest = Picture(current)
         told = _told_tilt(reference, current, coarse.shift_px * projection.per_column)
-        before = key.last, key.predicted, key.pace
-        match = _compared(key, self._newest, coarse, projection, told)
-        if told != LEVEL and match.status is CompassStatus.LOW_CONFIDENCE:  # an IMU may err
-            key.last, key.predicted, key.pace = before
-            match = _compared(key, self._newest, coarse, projection, LEVEL)
+        # an IMU may err, and of what repeats itself another peak may be the highest: then few corners are found again
+        starts = dict.fromkeys([(coarse.shift_px, told), (coarse.shift_px, LEVEL), (key.shift_px, told)])
+        inliers, match = -1.0, Match(float(coarse.shift_px), math.inf, 0.0)
+        for shift_px, tilt in starts:
+            tried = replace(key, motion=replace(key.motion))
+            obey, found = _compared(tried, self._newest, replace(coarse, shift_px=shift_px), projection, tilt)
+            if obey > inliers:
+                inliers, match, self._keyframe = obey, found, tried
+            if inliers > MOST * len(key.patches):
+                break
         return match
 
     def _keyframe_of(self, strip: Strip, projection: Projection) -> Keyframe:
@@ -111,21 +121,25 @@ class CornerTracker:
 
 def _compared(
     key: Keyframe, now: Picture, coarse: CoarseShift, projection: Projection, tilt: tuple[float, float]
-) -> Match:
-    """How an image lies on the keyframe, if the scene has about so tilted since, rad."""
+) -> tuple[float, Match]:
+    """How many corners are inliers, and how an image lies on the keyframe; the scene has about so tilted since, rad."""
     tracks, turned_px = _tracked(key, now, coarse, projection, tilt)
     energy = key.patches.contrast**2
     confidence = float(np.clip(tracks.likeness @ energy[tracks.index] / energy.sum(), 0.0, 1.0))
     match = Match(float(coarse.shift_px), math.inf, confidence, CompassStatus.LOW_CONFIDENCE)
+    inliers = 0.0
     if tracks.index.size >= FEWEST:
         problem = _problem(key, tracks, turned_px, projection, tilt)
         fit = key.motion.follow(problem)
+        inliers = float(fit.inlier.sum())
         spread = quantile(np.abs(fit.along[0]), 0.75) / problem.per_column
         match = _judged(key, tracks, fit, problem, Match(0.0, math.inf, confidence, coarse.status, spread))
         match = _pure_turn(key, fit, now.strip, match) or match
     if match.status is CompassStatus.LOW_CONFIDENCE:  # what misled this image shall not mislead the next one
         key.motion = Motion.unknown()
-    return match
+    else:
+        key.shift_px = round(match.shift_px)
+    return inliers, match
 
 
 def _tracked(
@@ -190,7 +204,7 @@ def _judged(key: Keyframe, tracks: Tracks, fit: Fit, problem: Problem, match: Ma
     if not key.motion.travels:
         variance += LOCK_PX**2
     status = match.status
-    if variance > UNRELATED_PX**2 or fit.inlier.sum() < FEWEST:
+    if max(variance / UNRELATED_PX**2, fit.noise[0] / STRANGE) > 1.0 or fit.inlier.sum() < FEWEST:
         status = CompassStatus.LOW_CONFIDENCE
     # what a tilt has to do with the heading depends on how the camera leans (see `compass.attitude`)
     lean = UNKNOWN_LEAN if key.picture.strip.up is None else LEAN_SIGMA
