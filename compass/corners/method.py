@@ -34,7 +34,6 @@ TILT_SIGMA = math.radians(3.0)  # of the scene between keyframe and image, besid
 CLIMB_SIGMA = math.radians(4.0)  # of the direction of travel against the camera's level
 LEAN_SIGMA, UNKNOWN_LEAN = 0.01, 0.045  # rad, error of how the camera leans, with an IMU and without
 UNRELATED_PX = 0.18  # a deviation beyond it: no motion explains the corners, they show another place
-STRANGE = 50.0  # times a patch's own noise; tuned drives reach 48, corners that were taken for others 100
 LOCK_PX = 0.012  # by which corners that all move by the same part of a column err: photographs of a city and a forest
 DISAGREE = 3.0  # deviations by which all rows and the corners may differ
 LEVEL = (0.0, 0.0)  # no tilt
@@ -136,7 +135,7 @@ def _compared(
         match = _judged(key, tracks, fit, problem, Match(0.0, math.inf, confidence, coarse.status, spread))
         match = _pure_turn(key, fit, now.strip, match) or match
     if match.status is CompassStatus.LOW_CONFIDENCE:  # what misled this image shall not mislead the next one
-        key.motion = Motion.unknown()
+        inliers, key.motion = 0.0, Motion.unknown()
     else:
         key.shift_px = round(match.shift_px)
     return inliers, match
@@ -204,7 +203,7 @@ def _judged(key: Keyframe, tracks: Tracks, fit: Fit, problem: Problem, match: Ma
     if not key.motion.travels:
         variance += LOCK_PX**2
     status = match.status
-    if max(variance / UNRELATED_PX**2, fit.noise[0] / STRANGE) > 1.0 or fit.inlier.sum() < FEWEST:
+    if variance > UNRELATED_PX**2 or fit.inlier.sum() < FEWEST:
         status = CompassStatus.LOW_CONFIDENCE
     # what a tilt has to do with the heading depends on how the camera leans (see `compass.attitude`)
     lean = UNKNOWN_LEAN if key.picture.strip.up is None else LEAN_SIGMA
