@@ -11,8 +11,8 @@ import pytest
 from panoramas import START_NS, as_bytes, compare, scene, seen_from, shifted, show
 
 from compass import CompassConfig, CompassStatus, ConfigError, VisualCompass
-from compass.local import REACH_PX, local_shifts
 from compass.mask import MARGIN_PX, load_mask
+from compass.sectors import REACH_PX, local_shifts
 from compass.strip import prepare_strip
 
 WIDTH = 1024

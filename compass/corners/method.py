@@ -12,6 +12,7 @@ import numpy as np
 
 from compass.angles import wrap_angle
 from compass.attitude import tilt_between
+from compass.coarse import CoarseShift, coarse_shift, quantile
 from compass.corners.motion import AGREE, Motion, yaw_variance
 from compass.corners.picture import HALF, Picture
 from compass.corners.points import Floats, Patches, cut_patches, find_corners
@@ -20,9 +21,8 @@ from compass.corners.solve import CLIMB, DIRECTION, ROTATION, YAW, Fit, Problem
 from compass.corners.track import Tracks, track
 from compass.correlation import signed, upright_spectrum
 from compass.increment import CompassStatus
-from compass.local import CoarseShift, coarse_shift, quantile
 from compass.match import Match, Search
-from compass.sectors import match_sectors
+from compass.sectors import match_small
 from compass.strip import Strip
 from compass.turn import pooled_turn, turn_variance
 
@@ -81,11 +81,11 @@ class CornerTracker:
     def __call__(self, reference: Strip, current: Strip, search: Search) -> Match:
         """How the current strip lies on the reference, see `compass.match.Match`."""
         if reference.columns < NARROWEST or len(reference.pixels) < LOWEST:
-            return match_sectors(reference, current, search)
+            return match_small(reference, current, search)
         projection = Projection.of(reference, search.forward_px)
         key = self._keyframe_of(reference, projection)
         if len(key.patches) < FEWEST:
-            return match_sectors(reference, current, search)
+            return match_small(reference, current, search)
         coarse = coarse_shift(upright_spectrum(reference, current), reference.columns, search)
         self._newest = Picture(current)
         told = _told_tilt(reference, current, coarse.shift_px * projection.per_column)
