@@ -54,6 +54,13 @@ def test_pure_turn_is_told_by_all_rows_pooled(columns):
     assert found.yaw / PER_PX == pytest.approx(columns, abs=0.01)
 
 
+@pytest.mark.parametrize("width", [302, 303, 513])
+def test_images_of_any_width_turn(width):
+    image = scene(3, width, width // 2)
+    increment = compare(compass(), as_bytes(image, 1.0, 1), as_bytes(shifted(image, 4.25), 1.0, 2))
+    assert increment.yaw * width / math.tau == pytest.approx(4.25, abs=0.05)
+
+
 def test_pure_turn_is_found_where_bands_of_frequency_disagree():
     images = as_bytes(sphere(0), NOISE, 1), as_bytes(shifted(sphere(0), -3.3), NOISE, 2)
     assert compare(compass(), *images).yaw / PER_PX == pytest.approx(-3.3, abs=0.01)
