@@ -72,23 +72,22 @@ class Motion:
         states = np.repeat(turned.states, DIRECTIONS, axis=0)
         states[:, DIRECTION] += np.arange(DIRECTIONS) * math.tau / DIRECTIONS
         states[:, CLIMB] = 0.0
-        if continued is not None:
-            states = np.concatenate([states, continued.states])
-        count = len(states)
-        starts = Start(states, np.repeat(even_shares(), count, axis=0), np.repeat(turned.noise, count))
+        starts = Start(states, np.repeat(even_shares(), DIRECTIONS, axis=0), np.repeat(turned.noise, DIRECTIONS))
         trials = ascend(problem, starts, extra)
         best = int(trials.log_posterior.argmax())
         fit = ascend(problem, trials.only(best), NEXT_PX * per_column)
-        fit.doubt = doubt(trials, best)
+        if continued is not None and continued.log_posterior[0] > fit.log_posterior[0]:
+            fit = continued
+        fit.doubt = doubt(trials, fit)
         self.travels = bool(fit.log_posterior[0] > turned.log_posterior[0])
         return fit if self.travels else turned
 
 
-def doubt(trials: Fit, best: int) -> float:
+def doubt(trials: Fit, fit: Fit) -> float:
     """Variance of a yaw that, as the odds of what was tried are, could be another one, rad^2."""
-    odds = np.exp(INDEPENDENT * (trials.log_posterior - trials.log_posterior[best]))
-    apart = trials.states[:, YAW] - trials.states[best, YAW]
-    return float(odds @ apart**2 / odds.sum())
+    odds = np.exp(INDEPENDENT * np.minimum(trials.log_posterior - fit.log_posterior[0], 0.0))
+    apart = trials.states[:, YAW] - fit.states[0, YAW]
+    return float(odds @ apart**2 / (1.0 + odds.sum()))
 
 
 def parallax_score(turned: Fit, problem: Problem) -> float:
