@@ -1,6 +1,7 @@
 """The method `corners` as the compass runs it: turns, drives, tilts, masks, refusals, and whether it is honest."""
 
 import math
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 from panoramas import FRAME_NS, as_bytes, azimuths, compare, scene, seen_from, shifted, show, tilted
 
 from compass import CompassConfig, CompassStatus, VisualCompass
+from compass.coarse import coarse_shift
 from compass.strip import prepare_strip
 from compass.turn import pooled_turn
 
@@ -159,6 +161,21 @@ def test_image_that_shows_another_place_does_not_mislead_the_next():
     assert engine.counts[CompassStatus.LOW_CONFIDENCE] == 1
     assert engine.status is CompassStatus.OK
     assert engine.yaw / PER_PX == pytest.approx(25.0, abs=0.1)
+
+
+def test_wrong_peak_of_the_coarse_shift_does_not_mislead(monkeypatch):
+    """What repeats itself has its highest peak elsewhere at times: 13 columns off, as beside parked cars."""
+    frames = [as_bytes(shifted(driven(sphere(16), 0.01 * k, 0.0, (1.0, 3.0)), 0.5 * k), NOISE, k) for k in range(6)]
+    engine, asked = compass(), []
+
+    def misled(*arguments):
+        asked.append(coarse_shift(*arguments))
+        return replace(asked[-1], shift_px=asked[-1].shift_px + 13 * (len(asked) == 4))
+
+    monkeypatch.setattr("compass.corners.method.coarse_shift", misled)
+    show(engine, *frames)
+    assert engine.counts[CompassStatus.OK] == 5
+    assert engine.yaw / PER_PX == pytest.approx(2.5, abs=0.1)
 
 
 def test_place_that_looks_the_same_all_round_is_ambiguous():
