@@ -196,7 +196,7 @@ def test_score_of_a_turn_is_small_and_of_a_drive_large():
 
 def test_slope_of_the_posterior_is_its_derivative():
     problem = synthetic(seed=3)
-    shares, step = np.array([[0.4, 0.1, 0.1, 0.2, 0.1, 0.1]]), 1e-7
+    shares, step = np.array([[0.4, 0.1, 0.2, 0.2, 0.1]]), 1e-7
     assert shares.shape[1] == OUTLIER + 1
     state = TRUTH + np.array([1e-4, 2e-4, -1e-4, 0.05, 0.01])
 

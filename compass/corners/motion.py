@@ -65,7 +65,8 @@ class Motion:
         per_column = problem.per_column
         extra = FIRST_PX * per_column
         start = Start(problem.start[None], even_shares(pushed=False), self.start.noise)
-        turned = ascend(problem, start, extra, pushed=False)
+        goes_on = continued is None and not self.is_unknown
+        turned = ascend(problem, start, (NEXT_PX if goes_on else FIRST_PX) * per_column, pushed=False)
         self.travels = turned.inlier.mean() < AGREE or parallax_score(turned, problem) > PARALLAX
         if not self.travels:
             return turned

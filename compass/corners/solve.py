@@ -21,7 +21,7 @@ from compass.corners.rays import Complexes, Tangents
 YAW, TILT_X, TILT_Y, DIRECTION, CLIMB = range(5)
 ROTATION = slice(0, 3)
 FREEDOM = 3.0  # degrees of freedom of the t: 2 to 5 differ by a tenth in the yaw's RMS over a drive
-MEANS_PX = np.array([0.16, 0.64, 2.56, 10.24])  # of the parallaxes, columns: from what noise hides to a keyframe's end
+MEANS_PX = np.array([0.3, 2.0, 12.0])  # of the parallaxes, columns: from what noise hides to a keyframe's end
 FAR, OUTLIER = 0, MEANS_PX.size + 1  # components of the mixture: no parallax, and none of all
 SPREAD_PX = 20.0  # to either side, over which outliers lie evenly
 PSEUDO_COUNT = 1.0  # corners of each component beforehand: a flat Dirichlet prior
