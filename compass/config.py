@@ -15,10 +15,9 @@ class CompassConfig(ParameterSet):
 
     method: str = parameter(
         "corners",
-        "how a yaw increment is found; see the methods' pages in compass/README.md; a function of your own as "
-        "`module:function`",
+        "how a yaw increment is found; see the methods' pages in compass/README.md",
         choices=METHODS,
-        others=True,
+        others="your own as module:function",
     )
     roi_top: float = parameter(
         0.25, "upper edge of the region of interest, a fraction of image height", low=0.0, high=1.0

@@ -33,8 +33,8 @@ class ParameterSpec:
         Inclusive limits of a number.
     choices : tuple of str
         The allowed names, empty when any is.
-    others : bool
-        Whether other names may be allowed, too: the config knows which.
+    others : str
+        What else is allowed, in words, and checked by the config itself; empty where nothing is.
     live : bool
         Whether a running node may change it.
     """
@@ -46,7 +46,7 @@ class ParameterSpec:
     low: float | None = None
     high: float | None = None
     choices: tuple[str, ...] = ()
-    others: bool = False
+    others: str = ""
     live: bool = False
 
     def check(self, value: Any) -> Value:
@@ -87,7 +87,7 @@ def parameter(
     low: float | None = None,
     high: float | None = None,
     choices: tuple[str, ...] = (),
-    others: bool = False,
+    others: str = "",
     live: bool = False,
 ) -> Any:
     """Declare a dataclass field that carries its description, unit and range (see `ParameterSpec`)."""
