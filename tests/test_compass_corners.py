@@ -10,6 +10,7 @@ from panoramas import FRAME_NS, as_bytes, azimuths, compare, scene, seen_from, s
 
 from compass import CompassConfig, CompassStatus, VisualCompass
 from compass.coarse import coarse_shift
+from compass.corners.points import find_corners
 from compass.strip import prepare_strip
 from compass.turn import pooled_turn
 
@@ -196,6 +197,21 @@ def test_plain_walls_without_corners_are_measured_all_the_same():
     stripes = np.tile(scene(10, WIDTH, 1), (WIDTH // 2, 1))
     increment = compare(compass(), as_bytes(stripes, NOISE, 1), as_bytes(shifted(stripes, 5.5), NOISE, 2))
     assert increment.yaw / PER_PX == pytest.approx(5.5, abs=0.1)
+
+
+def test_corners_on_one_side_only_are_not_believed(monkeypatch):
+    """What is seen on one side only turns by as much as it is passed: sectors answer, and say how badly they know."""
+
+    def to_the_right(picture):
+        at = find_corners(picture)
+        return at[at[:, 0] < 350]
+
+    monkeypatch.setattr("compass.corners.method.find_corners", to_the_right)
+    engine = compass()
+    frames = [as_bytes(driven(sphere(17), 0.02 * k, 0.0, (1.0, 3.0)), NOISE, k) for k in range(6)]
+    show(engine, *frames)
+    assert engine.yaw**2 < 9.0 * engine.yaw_variance
+    assert math.sqrt(engine.yaw_variance) > 0.1 * PER_PX
 
 
 def test_same_frames_give_the_same_yaw_to_the_last_bit():

@@ -29,6 +29,9 @@ from compass.turn import pooled_turn, turn_variance
 NARROWEST = 256  # columns; with fewer a patch is larger than what it shows
 LOWEST = 4 * HALF  # rows
 FEWEST = 24  # corners that have to be found again, and to be inliers: five for each of a motion's unknowns
+# Of the circle without any corner. What is seen on one side only turns by as much as it is passed: of nine tuned drives
+# whose corners were left out over 0.63 of it error^2/variance is 640, over a half 5.4, over 0.38 1.7, over 0.22 1.05.
+GAP = 0.4
 FLOOR_PX = 0.02  # deviation of a track that its patch does not know of, columns
 TILT_SIGMA = math.radians(3.0)  # of the scene between keyframe and image, beside what an IMU tells
 CLIMB_SIGMA = math.radians(4.0)  # of the direction of travel against the camera's level
@@ -84,7 +87,7 @@ class CornerTracker:
             return match_small(reference, current, search)
         projection = Projection.of(reference, search.forward_px)
         key = self._keyframe_of(reference, projection)
-        if len(key.patches) < FEWEST:
+        if len(key.patches) < FEWEST or _widest_gap(key.patches.at[:, 0], reference.columns) > GAP:
             return match_small(reference, current, search)
         coarse = coarse_shift(upright_spectrum(reference, current), reference.columns, search)
         self._newest = Picture(current)
@@ -116,6 +119,12 @@ class CornerTracker:
             motion.start.states = np.array([[0.0, 0.0, 0.0, state[DIRECTION] - state[YAW], state[CLIMB]]])
         self._keyframe = Keyframe(picture, patches, tangents, patches.at, patches.at, np.zeros_like(patches.at), motion)
         return self._keyframe
+
+
+def _widest_gap(column: Floats, columns: int) -> float:
+    """Share of the circle between two neighbouring corners, at most."""
+    around = np.sort(column)
+    return float(np.diff(around, append=around[:1] + columns).max()) / columns
 
 
 def _compared(

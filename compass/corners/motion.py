@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from compass.corners.points import SECTORS, Floats
+from compass.corners.points import SECTORS, Floats, sectors_of
 from compass.corners.solve import CLIMB, DIRECTION, YAW, Fit, Problem, Start, ascend, even_shares
 from compass.corners.track import Tracks
 
@@ -112,7 +112,8 @@ def yaw_variance(fit: Fit, tracks: Tracks, travels: bool) -> float:
     """
     used = 5 if travels else 3
     covariance = np.linalg.inv(fit.precision[0, :used, :used])
-    sector = (tracks.at[:, 0] % tracks.columns * (SECTORS / tracks.columns)).astype(np.intp)
+    sector = sectors_of(tracks.at, tracks.columns)
     scores: Floats = np.stack([np.bincount(sector, row, SECTORS) for row in fit.slopes[0, :used]])
     sandwich = covariance @ (scores @ scores.T) @ covariance
-    return float(sandwich[0, 0]) * SECTORS / (SECTORS - used) + fit.doubt
+    clusters = np.unique(sector).size
+    return float(sandwich[0, 0]) * clusters / max(clusters - used, 1) + fit.doubt

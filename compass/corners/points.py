@@ -72,11 +72,16 @@ def find_corners(picture: Picture) -> Pixels:
         return at
     order = np.argsort(-strong)
     order = order[strong[order] > WEAKEST * strong[order[0]]]
-    sector = (at[order, 0] * (SECTORS / picture.columns)).astype(np.intp)
+    sector = sectors_of(at[order], picture.columns)
     grouped = np.argsort(sector, kind="stable")
     first = np.searchsorted(sector[grouped], sector[grouped])
     chosen: Pixels = at[order[grouped[np.arange(grouped.size) - first < PER_SECTOR]]]
     return chosen
+
+
+def sectors_of(at: Pixels, columns: int) -> npt.NDArray[np.intp]:
+    """(n,) which of the `SECTORS` of the circle (n, 2) columns and rows lie in."""
+    return (at[:, 0] % columns * (SECTORS / columns)).astype(np.intp)
 
 
 def cut_patches(picture: Picture, at: Pixels) -> Patches:
