@@ -9,6 +9,9 @@ if TYPE_CHECKING:
     from compass.config import CompassConfig
     from compass.errors import ConfigError, ImageError, VisualCompassError
     from compass.increment import CompassStatus, YawIncrement
+    from compass.match import Match, Search
+    from compass.methods import register_method
+    from compass.strip import Strip
     from compass.visual_compass import VisualCompass
 
 __all__ = [
@@ -16,9 +19,13 @@ __all__ = [
     "CompassStatus",
     "ConfigError",
     "ImageError",
+    "Match",
+    "Search",
+    "Strip",
     "VisualCompass",
     "VisualCompassError",
     "YawIncrement",
+    "register_method",
     "wrap_angle",
 ]
 
@@ -32,6 +39,10 @@ __getattr__, __dir__ = lazy_names(
         "VisualCompassError": "errors",
         "CompassStatus": "increment",
         "YawIncrement": "increment",
+        "Match": "match",
+        "Search": "match",
+        "register_method": "methods",
+        "Strip": "strip",
         "VisualCompass": "visual_compass",
     },
 )

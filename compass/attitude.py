@@ -73,6 +73,27 @@ def about_z(vector: Vector, angle: float) -> Vector:
     return cosine * vector[0] - sine * vector[1], sine * vector[0] + cosine * vector[1], vector[2]
 
 
+def tilt_between(before: Vector, now: Vector, turn: float) -> tuple[float, float]:
+    """Rotation of the scene about the camera's x and y, rad, after which the camera turned and the vertical was `now`.
+
+    Parameters
+    ----------
+    before, now : (3,) tuple of float
+        The vertical in the camera's frame, unit vectors.
+    turn : float
+        Of the camera about its own z axis, rad, to the left.
+    """
+    x, y, z = about_z(now, turn)
+    aside_x, aside_y = x - before[0], y - before[1]
+    aside = math.hypot(aside_x, aside_y)
+    if aside < 1e-12:
+        return 0.0, 0.0
+    along_x, along_y = aside_x / aside, aside_y / aside
+    angle = math.atan2(x * along_x + y * along_y, z)
+    angle -= math.atan2(before[0] * along_x + before[1] * along_y, before[2])
+    return -angle * along_y, angle * along_x
+
+
 def beyond_error(up: Vector, sigma: float) -> Vector:
     """The vertical of a robot that leans so much less that level ground, seen with errors of `sigma` (rad), is level.
 

@@ -3,9 +3,10 @@
 from dataclasses import dataclass
 
 from compass.errors import ConfigError
+from compass.methods import OURS, find_method
 from compass.parameters import ParameterSet, parameter
 
-METHODS = ("rows", "sectors", "parallax", "corners")
+METHODS = tuple(OURS)
 
 
 @dataclass(frozen=True)
@@ -13,7 +14,10 @@ class CompassConfig(ParameterSet):
     """Settings of `VisualCompass`; every field has a default, an unusable value raises `ConfigError`."""
 
     method: str = parameter(
-        "parallax", "how a yaw increment is found; see the methods' pages in compass/README.md", choices=METHODS
+        "corners",
+        "how a yaw increment is found; see the methods' pages in compass/README.md",
+        choices=METHODS,
+        others="your own as module:function",
     )
     roi_top: float = parameter(
         0.25, "upper edge of the region of interest, a fraction of image height", low=0.0, high=1.0
@@ -46,7 +50,7 @@ class CompassConfig(ParameterSet):
     min_confidence: float = parameter(
         0.65,
         "peak correlation below which no increment is given; 3 of 100 unrelated scenes are above it, the next image of "
-        "a drive is above 0.9, in a crowd above 0.7; those left `parallax` knows by sectors that disagree",
+        "a drive is above 0.9, in a crowd above 0.7; those left `corners` knows by corners that no motion explains",
         low=0.0,
         high=1.0,
         live=True,
@@ -55,7 +59,7 @@ class CompassConfig(ParameterSet):
     keyframe_spread: float = parameter(
         -1.0,
         "a keyframe stays the reference until the parts of the panorama have moved apart by this much; 0 compares "
-        "each image with the one before; -1: what suits the method, 3 for `parallax`, 8 for `corners`",
+        "each image with the one before; -1: what suits the method, 8 for `corners`, 3 for others",
         unit="px",
         low=-1.0,
         high=20.0,
@@ -63,13 +67,13 @@ class CompassConfig(ParameterSet):
     find_again: bool = parameter(
         True,
         "after a gap (darkness, a camera that failed) find the last view again by its corners and tell the turn since; "
-        "`parallax` and `corners` only",
+        "`corners` only",
     )
     look_back: float = parameter(
         0.9,
         "how often the turn since a view some seconds ago is told by its corners: right to a hundredth of a degree, "
         "for the filter, at the cost of ten comparisons; 0: never; not more than the filter's `reference_window`; "
-        "`parallax` and `corners` only",
+        "`corners` only",
         unit="s",
         low=0.0,
         high=60.0,
@@ -84,5 +88,6 @@ class CompassConfig(ParameterSet):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        object.__setattr__(self, "method", find_method(self.method)[0])
         if self.roi_bottom <= self.roi_top:
             raise ConfigError(f"roi_bottom: {self.roi_bottom:g} must be greater than roi_top {self.roi_top:g}")

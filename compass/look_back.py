@@ -19,7 +19,6 @@ from compass.match import Search
 from compass.strip import Strip
 
 Look = Callable[[], YawIncrement | None]
-WITH_CORNERS = ("parallax", "corners")  # methods beside which views are looked up by their corners
 OLDEST_NS = 4_000_000_000  # no further back
 BLURRED = np.deg2rad(0.012)  # nor to a view that left the turn since then known no better
 ASTRAY, ASTRAY_SIGMAS = np.deg2rad(0.15), 3.0  # from what the increments say; corners may obey a wrong motion
@@ -61,7 +60,7 @@ class LookBack:
     def due(self, now: View, config: CompassConfig) -> Look | None:
         """The comparison with the present view, if it is time for one: in whatever thread, before the next is due."""
         t_ns, interval_ns = now.strip.t_ns, config.look_back * 1e9
-        if not interval_ns or config.method not in WITH_CORNERS or t_ns - self._last_ns < interval_ns:
+        if not interval_ns or t_ns - self._last_ns < interval_ns:
             return None
         view, self._last_ns = self._view, t_ns
         if view is None:

@@ -59,19 +59,3 @@ class Match:
 
 
 Method = Callable[[Strip, Strip, Search], Match]
-
-
-@dataclass(frozen=True, slots=True)
-class MethodEntry:
-    """How a method is listed.
-
-    Attributes
-    ----------
-    make : callable
-        Gives the method to one compass, which may remember what it has seen.
-    keyframe_spread : float
-        `spread_px` up to which a keyframe stays the reference, if the settings do not say, columns.
-    """
-
-    make: Callable[[], Method]
-    keyframe_spread: float = 3.0

@@ -33,6 +33,8 @@ class ParameterSpec:
         Inclusive limits of a number.
     choices : tuple of str
         The allowed names, empty when any is.
+    others : str
+        What else is allowed, in words, and checked by the config itself; empty where nothing is.
     live : bool
         Whether a running node may change it.
     """
@@ -44,6 +46,7 @@ class ParameterSpec:
     low: float | None = None
     high: float | None = None
     choices: tuple[str, ...] = ()
+    others: str = ""
     live: bool = False
 
     def check(self, value: Any) -> Value:
@@ -61,7 +64,7 @@ class ParameterSpec:
             high = math.inf if self.high is None else self.high
             if not low <= value <= high:  # false for NaN too
                 raise ConfigError(f"{self.name}: {shown(value)} is outside {low:g} .. {high:g} {self.unit}".rstrip())
-        if self.choices and value not in self.choices:
+        if self.choices and not self.others and value not in self.choices:
             raise ConfigError(f"{self.name}: {shown(value)} is unknown; one of: {', '.join(self.choices)}")
         checked: Value = value
         return checked
@@ -84,10 +87,12 @@ def parameter(
     low: float | None = None,
     high: float | None = None,
     choices: tuple[str, ...] = (),
+    others: str = "",
     live: bool = False,
 ) -> Any:
     """Declare a dataclass field that carries its description, unit and range (see `ParameterSpec`)."""
-    facts = {"description": description, "unit": unit, "low": low, "high": high, "choices": choices, "live": live}
+    facts = {"description": description, "unit": unit, "low": low, "high": high, "choices": choices, "others": others}
+    facts["live"] = live
     return dataclasses.field(default=default, metadata=facts)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import cv2
@@ -15,14 +15,12 @@ from compass.attitude import Vector
 from compass.config import CompassConfig
 from compass.image import Image, to_grey
 from compass.mask import RobotMask, Seen
-from compass.risen import Risen, summed_down
 
 Pixels = npt.NDArray[np.float32]
 Spectrum = npt.NDArray[np.complex64]
 
 SMOOTHED_ROWS = 40
 UPRIGHT_ROWS = 24  # what rises or sinks by less than such a row does not disturb how far it moved sideways
-HALVED_COLUMNS = 1024  # from so many on, half of them are enough to see what rises and sinks
 _SOFT = np.array([0.25, 0.5, 0.25], np.float32)  # a kernel across neighbours
 _ALONE = np.ones(1, np.float32)  # and one that leaves them as they are
 
@@ -49,8 +47,6 @@ class Strip:
         What was taken out of `pixels`.
     up : (3,) tuple of float or None
         The vertical in the camera's frame (x ahead, y left, z up), a unit vector; None where it is not known.
-    risen : Risen or None
-        What moved up or down and is brought back by `smoothed`, and by all that is made of it; not by `pixels`.
     """
 
     t_ns: int
@@ -62,13 +58,7 @@ class Strip:
     seen: Seen | None = None
     means: Pixels | float = 0.0
     up: Vector | None = None
-    risen: Risen | None = None
-    _averages: dict[int, tuple[Pixels, Pixels]] = field(default_factory=dict, init=False)
-
-    def with_pixels(self, grey: Pixels, seen: Seen | None) -> Strip:
-        """The same strip with other grey values, whose rows' means are still to be taken out."""
-        pixels, means = _without_row_means(grey, seen)
-        return replace(self, pixels=pixels, contrast=_contrast(pixels), seen=seen, means=means)
+    _averages: dict[int, Pixels] = field(default_factory=dict, init=False)
 
     @property
     def columns(self) -> int:
@@ -91,57 +81,18 @@ class Strip:
         Without the highest frequencies a spline through the correlation at whole lags errs by thousandths of a
         column, with them by hundredths.
         """
-        return self._averaged(at_most)[0]
-
-    def _averaged(self, at_most: int) -> tuple[Pixels, Pixels]:
-        """(at most so many, columns) rows averaged in groups, softened, and their (rows, 1) means, taken out."""
         if at_most not in self._averages:
-            averages, means = self._grouped(_group(len(self.pixels), at_most))
-            self._averages[at_most] = _softened_columns(averages), means
+            group = _group(len(self.pixels), at_most)
+            rows = len(self.pixels) // group
+            averages = self.pixels[: rows * group].reshape(rows, group, -1).sum(axis=1)
+            averages *= np.float32(1.0 / group)
+            self._averages[at_most] = _softened_columns(averages)
         return self._averages[at_most]
-
-    def _grouped(self, group: int) -> tuple[Pixels, Pixels]:
-        """(rows // group, columns) rows averaged in groups, and their (rows // group, 1) means, taken out."""
-        if self.risen is not None:
-            averages = self.risen.averages(self._sums, group, self.top, self.row_height)
-            means = averages.mean(axis=1, keepdims=True)
-            return averages - means, means
-        rows = len(self.pixels) // group
-        averages = self.pixels[: rows * group].reshape(rows, group, -1).sum(axis=1)
-        averages *= np.float32(1.0 / group)
-        means = np.broadcast_to(np.asarray(self.means, np.float32), (len(self.pixels), 1))
-        return np.asarray(averages), means[: rows * group].reshape(rows, group, 1).mean(axis=1)
-
-    @cached_property
-    def _sums(self) -> Pixels:
-        return summed_down(self.pixels + self.means)
 
     @cached_property
     def upright_spectrum(self) -> Spectrum:
         """(rows, columns // 2 + 1) Fourier transform of each row of `smoothed(UPRIGHT_ROWS)`."""
         return scipy.fft.rfft(self.smoothed(UPRIGHT_ROWS), axis=1)  # type: ignore[no-any-return]
-
-    @property
-    def column_stride(self) -> int:
-        """Columns of `pixels` from one of `softened` to the next."""
-        return 2 if self.columns % 2 == 0 and self.columns >= HALVED_COLUMNS else 1
-
-    @cached_property
-    def softened(self) -> Pixels:
-        """Grey values, means included: every `column_stride`-th column, rows averaged by 1 2 1 for derivatives.
-
-        What rises is told by how the rows differ. Without their means a plain wall shows the profile of all else upside
-        down, and seems to rise as all else does.
-        """
-        averages, means = self._averaged(SMOOTHED_ROWS)
-        columns = averages[:, :: self.column_stride] + means
-        return np.asarray(cv2.sepFilter2D(columns, -1, _ALONE, _SOFT, borderType=cv2.BORDER_REPLICATE), np.float32)
-
-    @cached_property
-    def elevations(self) -> npt.NDArray[np.floating]:
-        """Elevation of the middle of each row of `softened`, rad."""
-        row = np.arange(self.softened.shape[0]) + 0.5
-        return self.top - row * self.row_height * _group(len(self.pixels), SMOOTHED_ROWS)
 
     @cached_property
     def texture(self) -> float:

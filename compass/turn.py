@@ -42,7 +42,7 @@ def _bands_apart(spectrum: Spectrum, columns: int, peak: Peak, bound: float) -> 
     divided by their number, because they err to the same side. The estimate is that of random effects (DerSimonian and
     Laird 1986, doi:10.1016/0197-2456(86)90046-2): chi-square less its expectation, where that is more than chance.
     """
-    edges = np.unique(np.round(BANDS * columns).astype(np.intp))
+    edges = np.unique(np.minimum(np.round(BANDS * columns), spectrum.size - 1).astype(np.intp))
     omega = 2.0 * np.pi / columns * np.arange(spectrum.size)
     wave = spectrum * np.exp(1j * omega * peak.shift_px) * (2.0 / columns)
     slope = np.add.reduceat(omega * wave.imag, edges)[:-1]  # of the band's correlation, where all of them are best

@@ -13,28 +13,19 @@ from compass.angles import wrap_angle
 from compass.attitude import Tilted, Vector, beyond_error
 from compass.circle import CircleCheck
 from compass.config import CompassConfig
-from compass.corners.method import CornerTracker
+from compass.errors import VisualCompassError
 from compass.history import ImageHistory
 from compass.image import Image
 from compass.increment import CompassStatus, YawIncrement
 from compass.landmarks import match_landmarks
-from compass.look_back import WITH_CORNERS, Look, LookBack, View
+from compass.look_back import Look, LookBack, View
 from compass.lost import LostTurn, LostTurns
 from compass.mask import load_mask
-from compass.match import Match, MethodEntry, Search
-from compass.parallax import match_parallax
-from compass.rows import match_rows
-from compass.sectors import match_sectors
+from compass.match import Match, Search
+from compass.methods import find_method
 from compass.strip import Strip, prepare_strip
 
 UpAt = Callable[[int], Vector | None]
-METHODS: dict[str, MethodEntry] = {
-    "rows": MethodEntry(lambda: match_rows),
-    "sectors": MethodEntry(lambda: match_sectors),
-    "parallax": MethodEntry(lambda: match_parallax),
-    # tracks of 8 columns are no worse than those of 3, and three keyframes' errors are one
-    "corners": MethodEntry(CornerTracker, keyframe_spread=8.0),
-}
 
 MIN_TEXTURE = 1.1  # grey values of 255; camera noise of 4 alone leaves 0.9 at 1024 columns
 FROZEN_NS = 500_000_000  # a camera never gives the very same image for so long; a video may, frame by frame
@@ -110,8 +101,8 @@ class VisualCompass:
         self._unmatched_since_ns: int | None = None
         self._sought_ns = 0  # when the last view was last sought by its corners
         self._look_back = LookBack()
-        entry, spread = METHODS[self.config.method], self.config.keyframe_spread
-        self._method = entry.make()
+        _, entry = find_method(self.config.method)
+        self._method, self._long_baseline, spread = entry.make(), entry.long_baseline, self.config.keyframe_spread
         self._keyframe_spread = spread if spread >= 0.0 else entry.keyframe_spread
 
     def update(self, t_ns: int, image: Image, encoding: str = "") -> YawIncrement | None:
@@ -191,7 +182,8 @@ class VisualCompass:
 
     def due_look(self) -> Look | None:
         """What `look_back` would do now, if it is due; it may be called in another thread while images go on."""
-        if self._last is None or self.status not in (CompassStatus.OK, CompassStatus.FOUND_AGAIN):
+        good = self.status in (CompassStatus.OK, CompassStatus.FOUND_AGAIN)
+        if self._last is None or not (good and self._long_baseline):
             return None
         return self._look_back.due(View(self._last, self.yaw, self._last_variance, self._leans), self.config)
 
@@ -248,14 +240,17 @@ class VisualCompass:
     def _find_again(self, keyframe: Strip, strip: Strip) -> Match | None:
         """Seek the last good view, by now the keyframe, by its corners; not at once, and not at every image."""
         early = strip.t_ns - max(keyframe.t_ns, self._sought_ns) < SEEK_NS
-        if early or not self.config.find_again or self.config.method not in WITH_CORNERS:
+        if early or not (self.config.find_again and self._long_baseline):
             return None
         self._sought_ns = strip.t_ns
         match = match_landmarks(keyframe, strip, self._search(keyframe, strip))
         return match if match.status is CompassStatus.OK else None
 
     def _compare(self, keyframe: Strip, strip: Strip) -> Match:
-        return self._method(keyframe, strip, self._search(keyframe, strip))
+        match = self._method(keyframe, strip, self._search(keyframe, strip))
+        if not isinstance(match, Match):
+            raise VisualCompassError(f"method {self.config.method} gave {type(match).__name__}, not a compass.Match")
+        return match
 
     def _search(self, keyframe: Strip, strip: Strip) -> Search:
         columns = keyframe.columns

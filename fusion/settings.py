@@ -136,7 +136,9 @@ def _explain(spec: ParameterSpec) -> str:
     low = "" if spec.low is None else f"{spec.low:g}"
     high = "" if spec.high is None else f"{spec.high:g}"
     limits = f"{low} .. {high}" if low and high else f"from {low}" if low else f"up to {high}" if high else ""
-    facts = " ".join(part for part in (limits, spec.unit) if part) or ", ".join(spec.choices)
+    facts = " ".join(part for part in (limits, spec.unit) if part) or ", ".join(
+        [*spec.choices, *filter(None, [spec.others])]
+    )
     return f"{spec.description}{f' [{facts}]' if facts else ''}"
 
 

@@ -110,7 +110,8 @@ def describe(spec: ParameterSpec) -> ParameterDescriptor:
     unit = f" [{spec.unit}]" if spec.unit else ""
     descriptor = ParameterDescriptor(description=spec.description + unit, read_only=not spec.live)
     if spec.choices:
-        descriptor.additional_constraints = "one of: " + ", ".join(spec.choices)
+        names = [*spec.choices, spec.others] if spec.others else spec.choices
+        descriptor.additional_constraints = "one of: " + ", ".join(names)
     limited = spec.low is not None or spec.high is not None
     if limited and isinstance(spec.default, float):
         low, high = bounds(spec, sys.float_info.max)

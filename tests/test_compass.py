@@ -11,7 +11,7 @@ from panoramas import FRAME_NS, START_NS, STARTS, as_bytes, compare, scene, shif
 
 from compass import CompassConfig, CompassStatus, VisualCompass, wrap_angle
 
-METHODS = ("rows", "sectors", "parallax", "corners")
+METHODS = ("rows", "sectors", "corners")
 WIDTH = 1024
 PER_PX = math.tau / WIDTH
 # Noiseless frames rolled by whole columns hold the very same numbers: what remains is float32's rounding in sums over
@@ -117,7 +117,7 @@ def test_scene_alike_front_and_back_follows_the_turn_within_reach(start, degrees
     half = turned(scene(3, WIDTH // 2, 96), 2.0 * start)
     image = np.tile(half, (1, 2))
     columns = round(degrees / 360.0 * WIDTH)
-    for method in ("sectors", "parallax"):
+    for method in ("sectors", "corners"):
         compass = VisualCompass(CompassConfig(method=method))
         show(compass, as_bytes(image), np.roll(as_bytes(image), columns, axis=1), every_ns=2 * FRAME_NS)
         assert compass.yaw == pytest.approx(columns * PER_PX, abs=EXACT)
@@ -188,8 +188,8 @@ def test_forward_column_turns_with_the_camera(quarter):
     image = panorama()
     before, now = as_bytes(image, 2.0, 1), as_bytes(shifted(image, 12.4), 2.0, 2)
     mounted = [np.roll(frame, quarter * WIDTH // 4, axis=1) for frame in (before, now)]
-    config = CompassConfig(method="parallax", forward_column=(0.5 + quarter / 4) % 1.0)
-    plain = compare(VisualCompass(CompassConfig(method="parallax")), before, now)
+    config = CompassConfig(method="corners", forward_column=(0.5 + quarter / 4) % 1.0)
+    plain = compare(VisualCompass(CompassConfig(method="corners")), before, now)
     told = compare(VisualCompass(config), *mounted)
     assert told.yaw == pytest.approx(plain.yaw, abs=EXACT)
     assert told.variance == pytest.approx(plain.variance, rel=1e-2)

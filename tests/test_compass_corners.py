@@ -1,6 +1,7 @@
 """The method `corners` as the compass runs it: turns, drives, tilts, masks, refusals, and whether it is honest."""
 
 import math
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -8,6 +9,10 @@ import pytest
 from panoramas import FRAME_NS, as_bytes, azimuths, compare, scene, seen_from, shifted, show, tilted
 
 from compass import CompassConfig, CompassStatus, VisualCompass
+from compass.coarse import coarse_shift
+from compass.corners.points import find_corners
+from compass.strip import prepare_strip
+from compass.turn import pooled_turn
 
 WIDTH = 1024
 PER_PX = math.tau / WIDTH
@@ -44,11 +49,19 @@ def drive_errors(step, turn_px=5.37, method="corners"):
 
 
 @pytest.mark.parametrize("columns", [0.25, 12.6, 200.4])
-def test_pure_turn_is_told_by_all_rows_as_parallax_tells_it(columns):
+def test_pure_turn_is_told_by_all_rows_pooled(columns):
     images = as_bytes(sphere(0), NOISE, 1), as_bytes(shifted(sphere(0), columns), NOISE, 2)
-    ours, theirs = (compare(compass(method), *images) for method in ("corners", "parallax"))
-    assert ours.yaw == pytest.approx(theirs.yaw, abs=1e-9)
-    assert ours.yaw / PER_PX == pytest.approx(columns, abs=0.01)
+    found = compare(compass(), *images)
+    peak, _ = pooled_turn(*(prepare_strip(0, image, CompassConfig()) for image in images), columns)
+    assert found.yaw / PER_PX == pytest.approx(peak.shift_px, abs=1e-6)
+    assert found.yaw / PER_PX == pytest.approx(columns, abs=0.01)
+
+
+@pytest.mark.parametrize("width", [302, 303, 513])
+def test_images_of_any_width_turn(width):
+    image = scene(3, width, width // 2)
+    increment = compare(compass(), as_bytes(image, 1.0, 1), as_bytes(shifted(image, 4.25), 1.0, 2))
+    assert increment.yaw * width / math.tau == pytest.approx(4.25, abs=0.05)
 
 
 def test_pure_turn_is_found_where_bands_of_frequency_disagree():
@@ -151,6 +164,21 @@ def test_image_that_shows_another_place_does_not_mislead_the_next():
     assert engine.yaw / PER_PX == pytest.approx(25.0, abs=0.1)
 
 
+def test_wrong_peak_of_the_coarse_shift_does_not_mislead(monkeypatch):
+    """What repeats itself has its highest peak elsewhere at times: 13 columns off, as beside parked cars."""
+    frames = [as_bytes(shifted(driven(sphere(16), 0.01 * k, 0.0, (1.0, 3.0)), 0.5 * k), NOISE, k) for k in range(6)]
+    engine, asked = compass(), []
+
+    def misled(*arguments):
+        asked.append(coarse_shift(*arguments))
+        return replace(asked[-1], shift_px=asked[-1].shift_px + 13 * (len(asked) == 4))
+
+    monkeypatch.setattr("compass.corners.method.coarse_shift", misled)
+    show(engine, *frames)
+    assert engine.counts[CompassStatus.OK] == 5
+    assert engine.yaw / PER_PX == pytest.approx(2.5, abs=0.1)
+
+
 def test_place_that_looks_the_same_all_round_is_ambiguous():
     part = as_bytes(np.tile(scene(8, WIDTH // 4, WIDTH // 2), (1, 4)))
     engine = compass(max_yaw_rate=50.0)
@@ -169,6 +197,21 @@ def test_plain_walls_without_corners_are_measured_all_the_same():
     stripes = np.tile(scene(10, WIDTH, 1), (WIDTH // 2, 1))
     increment = compare(compass(), as_bytes(stripes, NOISE, 1), as_bytes(shifted(stripes, 5.5), NOISE, 2))
     assert increment.yaw / PER_PX == pytest.approx(5.5, abs=0.1)
+
+
+def test_corners_on_one_side_only_are_not_believed(monkeypatch):
+    """What is seen on one side only turns by as much as it is passed: sectors answer, and say how badly they know."""
+
+    def to_the_right(picture):
+        at = find_corners(picture)
+        return at[at[:, 0] < 350]
+
+    monkeypatch.setattr("compass.corners.method.find_corners", to_the_right)
+    engine = compass()
+    frames = [as_bytes(driven(sphere(17), 0.02 * k, 0.0, (1.0, 3.0)), NOISE, k) for k in range(6)]
+    show(engine, *frames)
+    assert engine.yaw**2 < 9.0 * engine.yaw_variance
+    assert math.sqrt(engine.yaw_variance) > 0.1 * PER_PX
 
 
 def test_same_frames_give_the_same_yaw_to_the_last_bit():

@@ -155,10 +155,10 @@ def test_corners_of_the_robot_are_no_landmarks():
     assert not np.any((column > 300) & (column < 420))
 
 
-def views(turn_px):
-    """A place before the light fails, images in the dark, and the place half a metre on, turned by so many columns."""
+def views(turn_px, step=0.6):
+    """A place before the light fails, images in the dark, and the place some steps on, turned by so many columns."""
     before = scene(1, WIDTH, HEIGHT)
-    after = shifted(seen_from(before, 0.3, 0.8, 1.5), turn_px)
+    after = shifted(seen_from(before, step, 0.8, 1.5), turn_px)
     dark = np.zeros_like(before)
     return [before] * LIT + [dark] * 20 + [after] * 12
 

@@ -9,7 +9,7 @@ from panoramas import as_bytes, compare, scene, shifted, show
 from compass import CompassConfig, CompassStatus, ImageError, VisualCompass
 from compass.strip import prepare_strip
 
-METHODS = ("rows", "sectors", "parallax", "corners")
+METHODS = ("rows", "sectors", "corners")
 WIDTH, STEP = 512, 7.3  # columns
 
 
@@ -130,7 +130,9 @@ def test_part_of_a_strip_column_of_a_wide_image_is_measured():
     # 3 of 4096 columns are 0.75 of the strip's 1024
     image = as_bytes(np.repeat(scene(7, 4096, 96), 2, axis=0))
     increment = compare(VisualCompass(), image, np.roll(image, 3, axis=1))
-    assert increment.yaw == pytest.approx(3 * math.tau / 4096, abs=0.01 * math.tau / 1024)
+    # merged without a blur, columns that moved by a part of one are another picture: corners know it to LOCK_PX
+    assert increment.yaw == pytest.approx(3 * math.tau / 4096, abs=0.012 * math.tau / 1024)
+    assert abs(increment.yaw - 3 * math.tau / 4096) < 2.0 * math.sqrt(increment.variance)
 
 
 @pytest.mark.parametrize(

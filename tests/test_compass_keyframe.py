@@ -107,7 +107,7 @@ def test_reference_moves_to_the_last_good_image_when_the_robot_drives(panorama):
 
 
 @pytest.mark.parametrize("dark_frames", [1, 5, 30])
-@pytest.mark.parametrize("method", ["sectors", "parallax"])
+@pytest.mark.parametrize("method", ["sectors", "corners"])
 def test_dark_gap_is_bridged(panorama, method, dark_frames):
     compass = VisualCompass(CompassConfig(method=method))
     black = np.zeros((96, WIDTH), np.uint8)

@@ -11,12 +11,12 @@ import pytest
 from panoramas import START_NS, as_bytes, compare, scene, seen_from, shifted, show
 
 from compass import CompassConfig, CompassStatus, ConfigError, VisualCompass
-from compass.local import REACH_PX, local_shifts
 from compass.mask import MARGIN_PX, load_mask
+from compass.sectors import REACH_PX, local_shifts
 from compass.strip import prepare_strip
 
 WIDTH = 1024
-METHODS = ("rows", "sectors", "parallax", "corners")
+METHODS = ("rows", "sectors", "corners")
 MASTS = ((300, 14), (790, 30))  # column of the middle and half the width, px
 
 
@@ -61,7 +61,7 @@ def test_masked_masts_do_not_hold_a_turn_back(masts, method, columns):
     if method == "rows" or abs(columns) > REACH_PX:  # without a mask they do, where sectors look about the coarse shift
         held_back = turn_px(faint(), columns, "", method)
         # its sectors may disagree; in one scene of four it says so; corners have not been held back yet
-        if method != "corners" and (method != "parallax" or held_back is not None):
+        if method != "corners":
             assert abs(held_back) < 0.5 * abs(columns)
 
 

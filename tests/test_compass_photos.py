@@ -175,40 +175,8 @@ def driven(image, step, left, right, direction):
 
 
 @cache
-def driving(method, direction, left, right):
-    """Errors in rad, and normalised squared ones, of a step of 3 cm with a turn of 5.37 columns past walls."""
-    compass, result = compass_of(method), []
-    for index, name in enumerate(PHOTO_NAMES):
-        image = region(name)
-        second = shifted(driven(image, 0.03, left, right, direction), 5.37)
-        increment = compare(compass, as_bytes(image, NOISE, index), as_bytes(second, NOISE, 100 + index))
-        error = increment.yaw - 5.37 * math.tau / image.shape[1]
-        result.append((error, error**2 / increment.variance))
-    return np.array(result)
-
-
-@pytest.mark.parametrize("direction", [0.0, math.pi, 0.7], ids=["forward", "backward", "aslant"])
-@pytest.mark.parametrize(("left", "right"), [(1.0, 3.0), (20.0, 0.7), (3.0, 3.0)])
-def test_driving_past_walls_turns_the_default_far_less_than_the_papers_method(direction, left, right):
-    rms = {
-        method: math.degrees(float(np.sqrt(np.mean(driving(method, direction, left, right)[:, 0] ** 2))))
-        for method in ("rows", "sectors", DEFAULT)
-    }
-    print({method: round(value, 4) for method, value in rms.items()})
-    assert rms[DEFAULT] < rms["rows"] / 3.0
-    assert rms[DEFAULT] < rms["sectors"]
-
-
-def test_driving_past_walls_over_all_directions_a_seventh_of_the_papers_error():
-    cases = [(d, *walls) for d in (0.0, math.pi, 0.7) for walls in ((1.0, 3.0), (20.0, 0.7), (3.0, 3.0))]
-    rms = {m: np.sqrt(np.mean([driving(m, *case)[:, 0] ** 2 for case in cases])) for m in ("rows", DEFAULT)}
-    print(rms["rows"] / rms[DEFAULT])
-    assert rms[DEFAULT] < rms["rows"] / 7.0
-
-
-@cache
-def driving_growing(method, direction, left, right, degrees=0.0, turn=5.37):
-    """As `driving`, of full-sphere photographs in which what comes nearer also grows, and a tilt; `turn` in columns."""
+def driving(method, direction, left, right, degrees=0.0, turn=5.37):
+    """Errors in rad, and normalised squared ones, of a step of 3 cm past walls, with a turn (columns) and a tilt."""
     compass, result = VisualCompass(CompassConfig(method=method)), []
     for index, name in enumerate(PHOTO_NAMES):
         image = photo(name)
@@ -222,12 +190,43 @@ def driving_growing(method, direction, left, right, degrees=0.0, turn=5.37):
 
 
 @pytest.mark.parametrize("direction", [0.0, math.pi, 0.7], ids=["forward", "backward", "aslant"])
+@pytest.mark.parametrize(("left", "right"), [(1.0, 3.0), (20.0, 0.7), (3.0, 3.0)])
+def test_driving_past_walls_turns_the_default_far_less_than_the_papers_method(direction, left, right):
+    rms = {
+        method: math.degrees(float(np.sqrt(np.mean(driving(method, direction, left, right)[:, 0] ** 2))))
+        for method in ("rows", "sectors", DEFAULT)
+    }
+    print({method: round(value, 4) for method, value in rms.items()})
+    assert rms[DEFAULT] < rms["rows"] / 10.0
+    assert rms[DEFAULT] < rms["sectors"] / 3.0
+
+
+def test_parallax_that_does_not_rise_is_refused_or_claimed_to_be_badly_known():
+    """Photographs pushed sideways only, as no equirectangular panorama is, and with a wrong horizon."""
+    scaled, asked = [], 0
+    for direction in (0.0, math.pi, 0.7):
+        for walls in ((1.0, 3.0), (20.0, 0.7), (3.0, 3.0)):
+            for index, name in enumerate(PHOTO_NAMES):
+                asked += 1
+                after = shifted(driven(region(name), 0.03, *walls, direction), 5.37)
+                frames = as_bytes(region(name), NOISE, index), as_bytes(after, NOISE, 100 + index)
+                increment = show(compass_of(DEFAULT), *frames)
+                if increment is not None:
+                    error = increment.yaw - 5.37 * math.tau / region(name).shape[1]
+                    scaled.append((error, error / math.sqrt(increment.variance)))
+    error, scaled = np.array(scaled).T
+    rms = math.degrees(float(np.sqrt(np.mean(error**2))))
+    honest, worst = np.mean(scaled**2), np.abs(scaled).max()
+    print(f"{len(error)} of {asked}, {rms:.3f} deg RMS, err2/var {honest:.1f}, {worst:.1f} at worst")
+    assert rms < 0.08  # a fifth of a column
+    assert honest < 6.0  # twice what is claimed: the model is wrong, and only partly notices
+
+
+@pytest.mark.parametrize("direction", [0.0, math.pi, 0.7], ids=["forward", "backward", "aslant"])
 def test_driving_past_walls_that_grow_turns_the_default_by_a_tenth_of_the_papers_error(direction):
     walls = ((1.0, 3.0), (20.0, 0.7), (3.0, 3.0))
     rms = {
-        method: math.degrees(
-            np.sqrt(np.mean([driving_growing(method, direction, *sides)[:, 0] ** 2 for sides in walls]))
-        )
+        method: math.degrees(np.sqrt(np.mean([driving(method, direction, *sides)[:, 0] ** 2 for sides in walls])))
         for method in ("rows", DEFAULT)
     }
     print({method: round(value, 4) for method, value in rms.items()})
@@ -239,13 +238,13 @@ def test_variance_while_driving_is_within_a_factor_of_two(turn):
     cases = [
         (direction, *walls) for direction in (0.0, math.pi, 0.7) for walls in ((1.0, 3.0), (20.0, 0.7), (3.0, 3.0))
     ]
-    nees = float(np.mean([driving_growing(DEFAULT, *case, turn=turn)[:, 1] for case in cases]))
+    nees = float(np.mean([driving(DEFAULT, *case, turn=turn)[:, 1] for case in cases]))
     print(round(nees, 2))
     assert 0.5 < nees < 2.0
 
 
 def test_tilt_of_a_third_of_a_degree_while_driving_hardly_changes_the_turn():
-    level, leaning = (driving_growing(DEFAULT, 0.7, 1.0, 3.0, degrees)[:, 0] for degrees in (0.0, 0.3))
+    level, leaning = (driving(DEFAULT, 0.7, 1.0, 3.0, degrees)[:, 0] for degrees in (0.0, 0.3))
     rms = math.degrees(float(np.sqrt(np.mean((leaning - level) ** 2))))
     print(f"{rms:.4f} deg")
     # it moves the upper edge of the region by 0.85 columns to either side; a sixth of that

@@ -8,7 +8,7 @@ from panoramas import FRAME_NS, START_NS, as_bytes, scene, show, turned
 
 from compass import CompassConfig, CompassStatus, ImageError, VisualCompass
 
-METHODS = ("rows", "sectors", "parallax", "corners")
+METHODS = ("rows", "sectors", "corners")
 WIDTH = 1024
 PER_PX = math.tau / WIDTH
 EXACT = 1e-3 * PER_PX  # whole columns without noise: see test_compass.py
@@ -197,7 +197,7 @@ def test_torn_frame_between_good_ones_leaves_the_yaw(method):
     assert compass.yaw == pytest.approx(0.25, abs=error)
 
 
-@pytest.mark.parametrize("method", ["sectors", "parallax"])
+@pytest.mark.parametrize("method", ["sectors", "corners"])
 def test_scene_alike_front_and_back_is_ambiguous_when_half_a_turn_is_within_reach(method):
     image = np.tile(as_bytes(scene(3, WIDTH // 2, 96)), (1, 2))
     compass = VisualCompass(CompassConfig(method=method, max_yaw_rate=100.0))

@@ -181,7 +181,7 @@ def test_silent_sensors_are_explained_in_log_and_diagnostics(robot, tmp_path):
 def test_light_that_fails_for_a_second_costs_no_turn(robot, tmp_path):
     """While it drives: only the corners of what it saw tell how it has turned."""
     place, turn = corners(1, 1024, 512), -333.3 * math.tau / 1024
-    further = shifted(seen_from(place, 0.3, 0.8, 1.5), -333.3)
+    further = shifted(seen_from(place, 0.6, 0.8, 1.5), -333.3)  # too far for tracks
     before, after = (jpeg_message(START_NS, as_bytes(image, 2.0)) for image in (place, further))
     found = f"images: {CompassStatus.FOUND_AGAIN.value}"
     dark = jpeg_message(START_NS, np.zeros((512, 1024), np.uint8))

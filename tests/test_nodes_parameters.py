@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from itertools import pairwise
 
 import numpy as np
@@ -108,9 +109,29 @@ def test_live_change_acts_on_the_running_compass(robot, running):
     send_until(noisy, lambda: len(compass) > given, "an increment again")
 
 
+def test_method_of_ones_own_turns_the_compass(robot, tmp_path, monkeypatch):
+    lines = ("from compass import Match", "def three(reference, current, search):", "    return Match(3.0, 1.0, 0.9)")
+    (tmp_path / "method_for_a_node.py").write_text("\n".join(lines))
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")]))
+    topics = {"compass_image": "/mine/image", "compass_output_topic": "/mine/pose"}
+    with started("nodes.compass_node", tmp_path / "log", compass__method="method_for_a_node:three", **topics):
+        poses = robot.listen(Odometry, "/mine/pose")
+        send = robot.connect(Image, "/mine/image")
+        robot.wait_publisher("/mine/pose")
+        view, times = panorama(0.0, scene()), iter(range(START_NS, START_NS + 10**11, 50_000_000))
+        send_until(
+            lambda: send(image_message(next(times), np.roll(view, next(times) % 7, axis=1))),
+            lambda: len(poses) > 2,
+            "three poses",
+        )
+    turns = [2.0 * math.atan2(one.pose.pose.orientation.z, one.pose.pose.orientation.w) for one in poses[:3]]
+    assert np.diff(turns) == pytest.approx(3.0 * math.tau / view.shape[1], rel=1e-6)
+
+
 @pytest.mark.parametrize(
     ("parameters", "says"),
     [
+        ({"compass.method": "no_such_module_here:f"}, "no_such_module_here"),
         ({"compass.metod": "rows"}, "did you mean"),
         ({"compass.columns": 3}, "16"),
         ({"publish_tf": True}, "tf2_ros"),

@@ -9,8 +9,8 @@ import pytest
 from tiny_bags import TinyBag, TinyDrive, fill
 
 from compass import VisualCompass
-from compass.local import SectorShifts
 from compass.mask import load_mask
+from compass.sectors import SectorShifts
 from fusion.offline.cli import main
 from fusion.offline.scores import COMPASS, FUSED
 from fusion.offline.surroundings import body_top, forward_column, static_pixels
@@ -55,7 +55,7 @@ def pushed(ahead: float, size: float, rng: np.random.Generator, turn: float = 0.
     azimuth = 2 * math.pi * (centre / COLUMNS - ahead)
     push = size * rng.uniform(0.2, 1.0, 64) * np.sin(azimuth)
     ones = np.ones(64)
-    return SectorShifts(centre, turn + push + rng.normal(0.0, 0.05, 64), 0.05 * ones, ones, ones, centre)
+    return SectorShifts(centre, turn + push + rng.normal(0.0, 0.05, 64), 0.05 * ones)
 
 
 @pytest.mark.parametrize("ahead", [0.0, 0.25, 0.5, 0.9])

@@ -139,11 +139,11 @@ def test_methods_err_by_exposures_and_what_is_published_by_stamps():
     drive = LateImages()
     exposed = dict(zip((drive.exposed + drive.late).tolist(), drive.exposed.tolist(), strict=True))
     tracks = evaluate.all_tracks(drive, Settings(compass=CompassConfig(columns=256)), exposed_ns=exposed)
-    found = {name: scores.score(tracks.yaws[name], drive.truth) for name in ("parallax", COMPASS)}
+    found = {name: scores.score(tracks.yaws[name], drive.truth) for name in ("corners", COMPASS)}
     lag = 0.05 * drive.rate
-    assert found["parallax"].worst < 0.02 * lag
+    assert found["corners"].worst < 0.02 * lag
     assert found[COMPASS].final == pytest.approx(-lag, rel=0.02)
-    claimed = [(increment.t_ref_ns, increment.t_ns) for increment in tracks.increments["parallax"]]
+    claimed = [(increment.t_ref_ns, increment.t_ns) for increment in tracks.increments["corners"]]
     assert np.isin(claimed, drive.exposed).all()
     assert COMPASS not in evaluate.all_tracks(drive, Settings()).yaws  # the same as the method's, by stamps
 
@@ -163,9 +163,9 @@ def test_summary_over_seeds_is_the_root_mean_square_and_the_worst():
 
 
 def test_tables_show_the_published_figure_and_every_source():
-    summaries = {"forward6_passage": {"rows": summary(-23.0), "parallax": summary(0.5), FUSED: summary(0.1)}}
-    long, short = full_table(summaries, "parallax"), short_table(summaries, "parallax", "final")
-    for text in ("rows (paper's)", "parallax (default)", "fused", "-23.00", "0.50", "0.10"):
+    summaries = {"forward6_passage": {"rows": summary(-23.0), "corners": summary(0.5), FUSED: summary(0.1)}}
+    long, short = full_table(summaries, "corners"), short_table(summaries, "corners", "final")
+    for text in ("rows (paper's)", "corners (default)", "fused", "-23.00", "0.50", "0.10"):
         assert text in long
         assert text in short
     assert "6.59" in long.splitlines()[2]
@@ -210,7 +210,7 @@ def test_evaluate_unknown_worlds_names_those_there_are(capsys):
 
 
 def test_evaluate_drives_in_held_out_worlds_unless_told_otherwise(monkeypatch, capsys):
-    def outcomes(names, seeds, settings, workers, smooth, worlds):
+    def outcomes(names, seeds, settings, workers, smooth, worlds, methods):
         held_out = worlds != "tuned"
         score = Score(0.01, 0.02, 0.03) if held_out else Score(0.0, 0.0, 0.0)
         return [

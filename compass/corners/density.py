@@ -7,14 +7,14 @@ exponentially modified normal distribution (Grushka 1972, doi:10.1021/ac60319a01
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from scipy.special import erfcx
 
 from compass.corners.points import Floats
 
-_ROOT_HALF = np.sqrt(0.5)
-_ROOT_2_PI = np.sqrt(2.0 * np.pi)
-_CERTAIN = 12.0  # deviations above which the normal part is no longer felt: its distribution is 1 there to 1e-33
+CERTAIN = 12.0  # deviations above which the normal part is no longer felt: its distribution is 1 there to 1e-33
 
 
 def exponentially_modified(scaled: Floats, ratio: Floats) -> tuple[Floats, Floats, Floats]:
@@ -35,8 +35,8 @@ def exponentially_modified(scaled: Floats, ratio: Floats) -> tuple[Floats, Float
         Derivative of the density's logarithm, and that derivative's negative derivative, never negative.
     """
     z = scaled - ratio
-    near = np.minimum(z, _CERTAIN)
-    tail = erfcx(-_ROOT_HALF * near)
-    density = np.exp(ratio * (0.5 * ratio - scaled) - 0.5 * near * near) * tail * ratio * (0.5 * _ROOT_2_PI)
-    hazard = (2.0 / _ROOT_2_PI) / tail
+    near = np.minimum(z, CERTAIN)
+    tail = erfcx(-math.sqrt(0.5) * near)
+    density = np.exp(ratio * (0.5 * ratio - scaled) - 0.5 * near * near) * tail * ratio * math.sqrt(0.5 * math.pi)
+    hazard = math.sqrt(2.0 / math.pi) / tail
     return density, hazard - ratio, hazard * (z + hazard)

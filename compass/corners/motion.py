@@ -7,29 +7,20 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from compass.corners.points import SECTORS, Floats
-from compass.corners.solve import CLIMB, DIRECTION, FAR, YAW, Fit, Problem, Start, ascend, even_shares
+from compass.corners.points import SECTORS, Floats, sectors_of
+from compass.corners.solve import CLIMB, DIRECTION, YAW, Fit, Problem, Start, ascend, even_shares
 from compass.corners.track import Tracks
 
 DIRECTIONS = 6  # of travel that are tried where none is known: a basin of attraction is wider than 60 deg
-THINNED = 3  # every third corner tells which of them to go on from
-AGREE = 0.7  # of the corners must be inliers for a motion to be taken without trying others
-PURE = 0.95  # and for a turn without travel
-GAIN = 0.1  # nats per corner by which travel has to explain them better than a turn
+AGREE = 0.9  # of the corners must be inliers for a motion to be taken without trying others, a turn without travel, too
 INDEPENDENT = 0.25  # share of the corners that err by themselves: neighbours err together
-MOSTLY_FAR = 0.5  # of the corners without parallax: whether there is any at all has to be asked
-STRANGE = 3.0  # times the usual noise: the direction of travel may be a wrong one, all are tried anew
-FORGET = 0.1  # share of the newest image in what is usual
 # Deviations by which some direction of travel may explain a turn's residuals better than none. Of photographs that only
 # turned (apartment, city, forest; noise 2 to 8) none reached 7; the first image of a drive has 16 or more.
 PARALLAX = 8.0
-CLIPPED = 3.0  # deviations: a corner has no more to say
-# Deviations added to the noise from round to round, columns. A first start lies some columns off, a trial's one, one
-# from the image before parts of one; the last rounds are without.
-FIRST_PX = np.array([2.0, 1.0, 0.5, 0.2, 0.0, 0.0])
-TRIAL_PX = np.array([1.0, 0.5, 0.25, 0.1, 0.0])
-NEXT_PX = np.array([0.5, 0.1, 0.0, 0.0])
-LAST_PX = np.zeros(3)
+# Deviations added to the noise from round to round, columns. A first start lies some columns off, one from the image
+# before parts of one; the last rounds are without.
+FIRST_PX = np.array([2.0, 0.6, 0.2, 0.05, 0.0, 0.0])
+NEXT_PX = np.array([0.2, 0.05, 0.0, 0.0])
 
 
 @dataclass(slots=True, eq=False)
@@ -42,33 +33,26 @@ class Motion:
         The state of the last one, and its mixture and noise.
     travels : bool
         Whether its direction of travel is known.
-    usual_noise : float
-        Factor of the noise, as images had it lately; infinite before the first.
+    is_unknown : bool
+        Whether there was no image yet.
     """
 
     start: Start
     travels: bool = False
-    usual_noise: float = math.inf
+    is_unknown: bool = True
 
     @staticmethod
     def unknown() -> Motion:
         """Before any image."""
         return Motion(Start(np.zeros((1, 5)), even_shares(), np.ones(1)))
 
-    @property
-    def is_unknown(self) -> bool:
-        """Whether there was no image yet."""
-        return math.isinf(self.usual_noise)
-
     def follow(self, problem: Problem) -> Fit:
         """The motion that explains the corners' ways in the next image; what it tells is kept for the one after."""
         fit = self._continued(problem) if self.travels else None
-        if fit is None or not self._believable(fit):
+        if fit is None or fit.inlier.mean() < AGREE:
             fit = self._anew(problem, fit)
-        noise = float(fit.noise[0])
-        usual = noise if self.is_unknown else self.usual_noise
-        self.usual_noise = usual + FORGET * (noise - usual)
         self.start = Start(fit.states, fit.shares if self.travels else even_shares(), fit.noise)
+        self.is_unknown = False
         return fit
 
     def _continued(self, problem: Problem) -> Fit:
@@ -76,41 +60,35 @@ class Motion:
         start = Start(problem.start[None], self.start.shares, self.start.noise)
         return ascend(problem, start, NEXT_PX * problem.per_column)
 
-    def _believable(self, fit: Fit) -> bool:
-        """Whether a motion need not be compared with others: the corners agree, as well as they usually do."""
-        agree = fit.inlier.mean() > AGREE and fit.noise[0] < STRANGE * self.usual_noise
-        return bool(agree and fit.shares[0, FAR] < MOSTLY_FAR)
-
     def _anew(self, problem: Problem, continued: Fit | None) -> Fit:
         """A turn alone, if that explains everything; else the best of all directions of travel."""
         per_column = problem.per_column
+        extra = FIRST_PX * per_column
         start = Start(problem.start[None], even_shares(pushed=False), self.start.noise)
-        turned = ascend(problem, start, FIRST_PX * per_column, pushed=False)
-        turns = bool(turned.inlier.mean() > PURE and turned.noise[0] < STRANGE * self.usual_noise)
-        self.travels = not turns or parallax_score(turned, problem) > PARALLAX
+        goes_on = continued is None and not self.is_unknown
+        turned = ascend(problem, start, (NEXT_PX if goes_on else FIRST_PX) * per_column, pushed=False)
+        self.travels = turned.inlier.mean() < AGREE or parallax_score(turned, problem) > PARALLAX
         if not self.travels:
             return turned
         states = np.repeat(turned.states, DIRECTIONS, axis=0)
         states[:, DIRECTION] += np.arange(DIRECTIONS) * math.tau / DIRECTIONS
         states[:, CLIMB] = 0.0
-        if continued is not None:
-            states = np.concatenate([states, continued.states])
-        count = len(states)
-        starts = Start(states, np.repeat(even_shares(), count, axis=0), np.repeat(turned.noise, count))
-        trials = ascend(problem.thinned(THINNED), starts, TRIAL_PX * per_column)
+        starts = Start(states, np.repeat(even_shares(), DIRECTIONS, axis=0), np.repeat(turned.noise, DIRECTIONS))
+        trials = ascend(problem, starts, extra)
         best = int(trials.log_posterior.argmax())
-        fit = ascend(problem, trials.only(best), LAST_PX * per_column)
-        fit.doubt = doubt(trials, best)
-        gain = float(fit.log_posterior[0] - turned.log_posterior[0])
-        self.travels = gain > GAIN * fit.inlier.shape[1]
+        fit = ascend(problem, trials.only(best), NEXT_PX * per_column)
+        if continued is not None and continued.log_posterior[0] > fit.log_posterior[0]:
+            fit = continued
+        fit.doubt = doubt(trials, fit)
+        self.travels = bool(fit.log_posterior[0] > turned.log_posterior[0])
         return fit if self.travels else turned
 
 
-def doubt(trials: Fit, best: int) -> float:
+def doubt(trials: Fit, fit: Fit) -> float:
     """Variance of a yaw that, as the odds of what was tried are, could be another one, rad^2."""
-    odds = np.exp(INDEPENDENT * (trials.log_posterior - trials.log_posterior[best]))
-    apart = trials.states[:, YAW] - trials.states[best, YAW]
-    return float(odds @ apart**2 / odds.sum())
+    odds = np.exp(INDEPENDENT * np.minimum(trials.log_posterior - fit.log_posterior[0], 0.0))
+    apart = trials.states[:, YAW] - fit.states[0, YAW]
+    return float(odds @ apart**2 / (1.0 + odds.sum()))
 
 
 def parallax_score(turned: Fit, problem: Problem) -> float:
@@ -122,7 +100,7 @@ def parallax_score(turned: Fit, problem: Problem) -> float:
     direction = np.arange(2 * DIRECTIONS) * (math.pi / DIRECTIONS)
     lines = np.stack([np.cos(direction), np.sin(direction), 0.0 * direction], axis=1) @ problem.tangents.axes
     along = -(lines * turned.off.conj()).real / turned.sigma  # times the sine
-    score = (turned.inlier * np.clip(along, -CLIPPED, CLIPPED)).sum(axis=1)
+    score = (turned.inlier * along).sum(axis=1)
     expected = np.sqrt((turned.inlier * np.abs(lines) ** 2).sum(axis=1))
     return float((score / expected).max())
 
@@ -134,7 +112,8 @@ def yaw_variance(fit: Fit, tracks: Tracks, travels: bool) -> float:
     """
     used = 5 if travels else 3
     covariance = np.linalg.inv(fit.precision[0, :used, :used])
-    sector = (tracks.at[:, 0] % tracks.columns * (SECTORS / tracks.columns)).astype(np.intp)
+    sector = sectors_of(tracks.at, tracks.columns)
     scores: Floats = np.stack([np.bincount(sector, row, SECTORS) for row in fit.slopes[0, :used]])
     sandwich = covariance @ (scores @ scores.T) @ covariance
-    return float(sandwich[0, 0]) * SECTORS / (SECTORS - used) + fit.doubt
+    clusters = np.unique(sector).size
+    return float(sandwich[0, 0]) * clusters / max(clusters - used, 1) + fit.doubt

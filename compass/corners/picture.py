@@ -46,7 +46,7 @@ class Picture:
     @cached_property
     def bytes(self) -> Grey:
         """(rows, columns + 2 * MARGIN) uint8 array: `cv2.calcOpticalFlowPyrLK` takes no other."""
-        return np.asarray(cv2.convertScaleAbs(np.maximum(self.soft, np.float32(0.0))), np.uint8)
+        return np.asarray(cv2.add(self.soft, 0.0, dtype=cv2.CV_8U), np.uint8)  # type: ignore[call-overload]
 
     @property
     def rows(self) -> int:

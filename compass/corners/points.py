@@ -13,12 +13,11 @@ from compass.strip import Pixels
 
 Floats = npt.NDArray[np.floating]
 
-SECTORS, PER_SECTOR = 32, 7  # corners are spread over the circle: the strongest of each sector
+SECTORS, PER_SECTOR = 32, 6  # corners are spread over the circle: the strongest of each sector
 WEAKEST = 3e-3  # smaller eigenvalue of a corner, of that of the strongest
 FLAT = 1e-2  # grey values^2 per pixel^2: keeps what has no gradient finite
-_OFFSETS = np.arange(-HALF, HALF + 1, dtype=np.float32)
-_SIDE = _OFFSETS.size
-ACROSS, DOWN = (one.ravel() for one in np.meshgrid(_OFFSETS, _OFFSETS))
+SIDE = 2 * HALF + 1
+DOWN, ACROSS = np.mgrid[-HALF : HALF + 1, -HALF : HALF + 1].reshape(2, -1).astype(np.float32)  # of a patch's pixels
 WINDOW = np.exp(-(ACROSS**2 + DOWN**2) / (2.0 * (0.6 * HALF) ** 2))
 WINDOW /= WINDOW.sum()
 
@@ -73,11 +72,16 @@ def find_corners(picture: Picture) -> Pixels:
         return at
     order = np.argsort(-strong)
     order = order[strong[order] > WEAKEST * strong[order[0]]]
-    sector = (at[order, 0] * (SECTORS / picture.columns)).astype(np.intp)
+    sector = sectors_of(at[order], picture.columns)
     grouped = np.argsort(sector, kind="stable")
     first = np.searchsorted(sector[grouped], sector[grouped])
     chosen: Pixels = at[order[grouped[np.arange(grouped.size) - first < PER_SECTOR]]]
     return chosen
+
+
+def sectors_of(at: Pixels, columns: int) -> npt.NDArray[np.intp]:
+    """(n,) which of the `SECTORS` of the circle (n, 2) columns and rows lie in."""
+    return (at[:, 0] % columns * (SECTORS / columns)).astype(np.intp)
 
 
 def cut_patches(picture: Picture, at: Pixels) -> Patches:
@@ -108,23 +112,24 @@ def sample(pixels: Pixels, at: Pixels) -> Pixels:
     """
     whole = np.floor(at).astype(np.intp)
     across, down = _convolution(at - whole)
-    wide, count = _SIDE + 5, len(at)
+    wide, count = SIDE + 5, len(at)
     # rows lie one after another, so that long stretches of memory are multiplied at once
     flat = _windows(pixels, whole, 2, 3).reshape(count, -1)
-    rows = down[0] * flat[:, : _SIDE * wide]
+    rows = down[0] * flat[:, : SIDE * wide]
+    part = np.empty_like(rows)
     for k in range(1, 6):
-        rows += down[k] * flat[:, k * wide : (k + _SIDE) * wide]
-    patches = np.empty((count, _SIDE * wide), np.float32)
-    end = _SIDE * wide - 5
+        rows += np.multiply(down[k], flat[:, k * wide : (k + SIDE) * wide], out=part)
+    patches = np.empty((count, SIDE * wide), np.float32)
+    end = SIDE * wide - 5
     np.multiply(across[0], rows[:, :end], out=patches[:, :end])
     for k in range(1, 6):
-        patches[:, :end] += across[k] * rows[:, k : end + k]
-    return patches.reshape(count, _SIDE, wide)[:, :, :_SIDE].reshape(count, -1)
+        patches[:, :end] += np.multiply(across[k], rows[:, k : end + k], out=part[:, :end])
+    return patches.reshape(count, SIDE, wide)[:, :, :SIDE].reshape(count, -1)
 
 
 def _windows(pixels: Pixels, whole: npt.NDArray[np.intp], before: int, after: int | None = None) -> Pixels:
     """(n, rows, columns) patches about (n, 2) whole columns and rows, and so many pixels more on their sides."""
-    side = _SIDE + before + (before if after is None else after)
+    side = SIDE + before + (before if after is None else after)
     windows = np.lib.stride_tricks.sliding_window_view(pixels, (side, side))
     row = np.clip(whole[:, 1] - HALF - before, 0, len(windows) - 1)
     return np.asarray(windows[row, whole[:, 0] - HALF - before + MARGIN])

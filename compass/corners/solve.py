@@ -10,7 +10,7 @@ Laird & Rubin 1977; for the t, Lange, Little & Taylor 1989, doi:10.1080/01621459
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -21,7 +21,7 @@ from compass.corners.rays import Complexes, Tangents
 YAW, TILT_X, TILT_Y, DIRECTION, CLIMB = range(5)
 ROTATION = slice(0, 3)
 FREEDOM = 3.0  # degrees of freedom of the t: 2 to 5 differ by a tenth in the yaw's RMS over a drive
-MEANS_PX = np.array([0.16, 0.64, 2.56, 10.24])  # of the parallaxes, columns: from what noise hides to a keyframe's end
+MEANS_PX = np.array([0.3, 2.0, 12.0])  # of the parallaxes, columns: from what noise hides to a keyframe's end
 FAR, OUTLIER = 0, MEANS_PX.size + 1  # components of the mixture: no parallax, and none of all
 SPREAD_PX = 20.0  # to either side, over which outliers lie evenly
 PSEUDO_COUNT = 1.0  # corners of each component beforehand: a flat Dirichlet prior
@@ -63,12 +63,6 @@ class Problem:
     def means(self) -> Floats:
         """(exponentials, 1, 1) mean parallaxes abeam, rad."""
         return (MEANS_PX * self.per_column)[:, None, None]
-
-    def thinned(self, step: int) -> Problem:
-        """The same with every `step`-th corner."""
-        some = slice(None, None, step)
-        tangents, moved, covariance = self.tangents.some(some), self.moved[some], self.covariance[:, some]
-        return replace(self, tangents=tangents, moved=moved, covariance=covariance)
 
 
 @dataclass(slots=True, eq=False)
@@ -149,6 +143,9 @@ def ascend(problem: Problem, start: Start, extra: Floats, pushed: bool = True) -
     states, shares, noise = start.states, start.shares, start.noise
     uniform = 2.0 * math.pi / (2.0 * SPREAD_PX * problem.per_column) ** 2
     diagonal = problem.prior_precision + ROUNDING
+    parts = np.empty((shares.shape[1], len(states), problem.moved.size))  # of the mixture: how likely, of each corner
+    slope, bend = np.empty((2, len(parts) - 1, *parts.shape[1:]))  # of the logarithms of all but the outliers'
+    bend[FAR] = 1.0
     for beyond in (*(extra * extra).tolist(), None):
         lines = _Lines(problem, states)
         var_along, var_across = lines.variances(problem, noise)
@@ -156,39 +153,41 @@ def ascend(problem: Problem, start: Start, extra: Floats, pushed: bool = True) -
             var_along, var_across = var_along + beyond, var_across + beyond
         ratio = lines.across**2 / var_across
         scale = (FREEDOM + 1.0) / (FREEDOM + ratio)  # of the corner's own precision
-        var_along = var_along / scale
+        var_along /= scale
         sigma = np.sqrt(var_along)
         scaled = lines.along / sigma
-        common = scale ** (0.5 * (FREEDOM + 1.0)) / (sigma * np.sqrt(var_across))
-        far = np.exp(-0.5 * scaled * scaled) * (common * shares[:, :1])
-        outlier = uniform * shares[:, -1:]
-        total = far + outlier
+        np.negative(scaled, out=slope[FAR])
+        parts[FAR] = np.exp(-0.5 * scaled * scaled)
         if pushed:
-            density, slope, bend = exponentially_modified(scaled, sigma / (lines.length * problem.means))
-            near = density * (common * shares.T[1:-1, :, None])
-            total = total + near.sum(axis=0)
-        outlier = outlier / total
-        pull, along = -far * scaled, far
-        if pushed:
-            pull, along = pull + (near * slope).sum(axis=0), along + (near * bend).sum(axis=0)
-        inlier = 1.0 - outlier
+            near = slice(FAR + 1, OUTLIER)
+            parts[near], slope[near], bend[near] = exponentially_modified(
+                scaled, sigma / (lines.length * problem.means)
+            )
+        parts[:-1] *= scale ** (0.5 * (FREEDOM + 1.0)) / (sigma * np.sqrt(var_across))
+        parts[-1] = uniform
+        parts *= shares.T[:, :, None]
+        total = parts.sum(axis=0)
+        parts /= total
+        inlier = 1.0 - parts[-1]
         across = inlier * scale / var_across
         jacobian = lines.jacobian(problem, pushed)
-        forces = _interleaved(pull / (total * sigma), -across * lines.across)
-        weighed = jacobian * _interleaved(along / (total * var_along), across)[:, None]
+        forces = _interleaved(np.einsum("ckn,ckn->kn", parts[:-1], slope) / sigma, -across * lines.across)
+        weights = _interleaved(np.einsum("ckn,ckn->kn", parts[:-1], bend) / var_along, across)
         # what is not known of the corners' own scales takes its share of the information (Lange et al. 1989)
-        precision = (FREEDOM + 1.0) / (FREEDOM + 3.0) * (weighed @ jacobian.transpose(0, 2, 1))
+        precision = (jacobian * weights[:, None]) @ jacobian.transpose(0, 2, 1)
+        precision *= (FREEDOM + 1.0) / (FREEDOM + 3.0)
         precision[:, range(5), range(5)] += diagonal
         if beyond is None:
             break
         gradient = (jacobian @ forces[..., None])[..., 0] - problem.prior_precision * (states - problem.prior_mean)
-        states = states + np.clip(np.linalg.solve(precision, gradient[..., None])[..., 0], -STEP, STEP)
-        parts = [far / total, *near / total, outlier] if pushed else [far / total, outlier]
-        shares = np.stack([part.sum(axis=1) for part in parts], axis=1) + PSEUDO_COUNT
+        change = np.linalg.solve(precision, gradient[..., None])[..., 0]
+        states = states + np.maximum(np.minimum(change, STEP), -STEP)
+        shares = parts.sum(axis=2).T + PSEUDO_COUNT
         shares /= shares.sum(axis=1, keepdims=True)
         if not beyond:
             free = 5.0 if pushed else 3.0
-            noise = noise * (inlier * scale * ratio).sum(axis=1) / np.maximum(inlier.sum(axis=1) - free, 1.0)
+            left = (inlier * scale * ratio).sum(axis=1)
+            noise = noise * left / np.maximum(inlier.sum(axis=1) - free, 1.0)
     log_posterior = np.log(total).sum(axis=1)
     log_posterior -= 0.5 * (problem.prior_precision * (states - problem.prior_mean) ** 2).sum(axis=1)
     slopes = (jacobian * forces[:, None]).reshape(len(states), 5, -1, 2).sum(axis=3)

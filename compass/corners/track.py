@@ -19,16 +19,15 @@ from compass.strip import Pixels
 
 Index = npt.NDArray[np.intp]
 
-LEVELS, FAR_LEVELS = 1, 3  # of the pyramid above the picture itself: at first, and where too little is found with them
+FAR_LEVELS = 3  # of the pyramid above the picture itself, where too little is found with fewer
 ENOUGH = 0.7  # of the corners
-ROUNDS = 2  # of the finer alignment
+SETTLED = 0.2  # pixels; what the finer alignment moves by more is aligned again: it errs by a tenth of its way
 FARTHEST = 1.0  # pixels by which it may move a track in all
 STOP = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 10, 0.03)
 # Pixels from where a corner is expected to where it may be: a patch there, what its interpolation needs round it, and
 # what the finer alignment adds lie within the picture's margin.
 REACH = MARGIN - HALF - 4 - FARTHEST
 ALIKE = 0.8  # normalised correlation of a patch with what it is found as
-WINDOWED = float(WINDOW @ WINDOW)  # variance of a weighted mean of pixels, of that of one
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -60,7 +59,7 @@ class Tracks:
         return Tracks(self.index[which], self.at[which], self.noise[which], self.likeness[which], self.columns)
 
 
-def track(before: Picture, patches: Patches, now: Picture, guess: Pixels) -> Tracks:
+def track(before: Picture, patches: Patches, now: Picture, guess: Pixels, levels: int = 1) -> Tracks:
     """Find corners again.
 
     Parameters
@@ -71,8 +70,10 @@ def track(before: Picture, patches: Patches, now: Picture, guess: Pixels) -> Tra
         Of all the keyframe's corners.
     guess : (n, 2) float32 array
         Columns and rows where they are expected, to some pixels.
+    levels : int
+        Of the pyramid above the picture itself: 0 where they are expected to a pixel or two.
     """
-    tracks = _tracked(before, patches, now, guess, LEVELS)
+    tracks = _tracked(before, patches, now, guess, levels)
     if tracks.index.size < ENOUGH * len(patches):
         farther = _tracked(before, patches, now, guess, FAR_LEVELS)
         tracks = farther if farther.index.size > tracks.index.size else tracks
@@ -96,14 +97,25 @@ def _tracked(before: Picture, patches: Patches, now: Picture, guess: Pixels, lev
     whole = (rough[:, 1] >= HALF) & (rough[:, 1] < now.rows - HALF)
     index = np.flatnonzero(found[:, 0].astype(bool) & near & whole)
     rough = np.asarray(rough[index], np.float32) - np.array([MARGIN, 0.0], np.float32)
-    values, contrast, answer = patches.values[index], patches.contrast[index], patches.answer[index]
-    at = rough
-    likeness = np.zeros(len(at), np.float32)
-    for _ in range(ROUNDS):
-        seen, bright = levelled(sample(now.soft, at))
-        likeness = (seen * values) @ WINDOW / (contrast * bright)
-        seen *= (contrast / bright)[:, None]
-        moved = (answer @ (seen - values)[..., None])[..., 0]
-        at = np.clip(at - moved, rough - FARTHEST, rough + FARTHEST)
-    noise = contrast**2 * np.maximum(1.0 - likeness**2, 1e-5) * WINDOWED
-    return Tracks(index, at, noise, likeness, now.columns).some(likeness > ALIKE)
+    at, left = _aligned(patches, index, now, rough)
+    again = np.flatnonzero(np.abs(at - rough).max(axis=1) > SETTLED)
+    if again.size:
+        finer, left[again] = _aligned(patches, index[again], now, at[again])
+        at[again] = np.clip(finer, rough[again] - FARTHEST, rough[again] + FARTHEST)
+    likeness = np.sqrt(np.maximum(1.0 - left / patches.contrast[index] ** 2, 0.0))
+    of_mean = np.float32(WINDOW @ WINDOW)  # variance of a weighted mean of pixels, of that of one
+    return Tracks(index, at, left * of_mean, likeness, now.columns).some(likeness > ALIKE)
+
+
+def _aligned(patches: Patches, index: Index, now: Picture, at: Pixels) -> tuple[Pixels, Pixels]:
+    """Where some patches are, seen to be about `at`; and the mean square that is then left of their difference."""
+    seen, bright = levelled(sample(now.soft, at))
+    contrast, values = patches.contrast[index], patches.values[index]
+    likeness = (seen * values) @ WINDOW / (contrast * bright)
+    seen *= (contrast / bright)[:, None]
+    seen -= values
+    x, y = moved = np.clip((patches.answer[index] @ seen[..., None])[..., 0], -FARTHEST, FARTHEST).T
+    right, mixed, down = patches.covariance[index].T
+    told = (down * x * x - 2.0 * mixed * x * y + right * y * y) / (right * down - mixed * mixed)
+    left = np.maximum(contrast**2 * (1.0 - likeness * np.abs(likeness)) - told, 1e-5 * contrast**2)
+    return at - moved.T, left

@@ -16,8 +16,8 @@ import yaml
 
 from compass import CompassConfig, VisualCompass, wrap_angle
 from compass.image import to_grey
-from compass.local import SectorShifts, local_shifts
 from compass.mask import load_mask
+from compass.sectors import SectorShifts, local_shifts
 from compass.strip import prepare_strip
 from fusion.offline.agreement import contradiction
 from fusion.offline.bag import Bag, BagError

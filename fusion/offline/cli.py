@@ -124,6 +124,16 @@ def simulate(experiment: str | None, out: Path | None, seed: int, config: Path |
     help="All in a long table, or one in a short.",
 )
 @click.option("--smooth", is_flag=True, help="Score the yaw that knows the future, too.")
+@click.option(
+    "--method",
+    "methods",
+    multiple=True,
+    metavar="M:F",
+    help="A method of your own, module:function, beside ours; may be repeated.",
+)
+@click.option(
+    "--yaw", "yaws", type=_PATH, multiple=True, metavar="TUM", help="A yaw of your own for the bag; may be repeated."
+)
 @click.option("--workers", type=click.IntRange(1), default=None, help="Processes  [default: one per core]")
 @click.option("--config", type=_PATH, metavar="YAML", help="Parameters in ROS form.")
 @_topic_options
@@ -134,6 +144,8 @@ def evaluate(
     json_file: Path | None,
     metric: str,
     smooth: bool,
+    methods: tuple[str, ...],
+    yaws: tuple[Path, ...],
     workers: int | None,
     config: Path | None,
     image: str | None,
@@ -152,7 +164,8 @@ def evaluate(
 
     request = TopicRequest(image, gyro, odometry, truth)
     settings = load_settings(config)
-    click.echo(run_evaluation(what, seeds, settings, request, metric, json_file, workers, smooth, worlds))
+    text = run_evaluation(what, seeds, settings, request, metric, json_file, workers, smooth, worlds, methods, yaws)
+    click.echo(text)
 
 
 @cli.command(short_help="Propose settings from a recording of your own.")

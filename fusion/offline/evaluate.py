@@ -16,6 +16,7 @@ import numpy as np
 from compass import VisualCompass, YawIncrement, wrap_angle
 from compass.attitude import Vector
 from compass.config import METHODS
+from compass.methods import MethodEntry, adopt_methods, find_method, own_methods
 from fusion import Warning
 from fusion.offline.bag import Bag, BagError
 from fusion.offline.console import progress_bar
@@ -132,8 +133,9 @@ def all_tracks(
     *,
     smooth: bool = False,
     exposed_ns: Mapping[int, int] | None = None,
+    methods: Sequence[str] = (),
 ) -> Tracks:
-    """Run every method of the compass and the filter, each frame shown to all of them.
+    """Run every method of the compass and the filter, each frame shown to all of them; and `methods`, of the user.
 
     Where it is known when images were exposed, by their stamps, the methods are told: nobody but them is to blame for
     their errors. The raw compass, as the configured method is published, goes by the stamps all the same, as does the
@@ -144,7 +146,8 @@ def all_tracks(
     def up_exposed(t_ns: int) -> Vector | None:
         return recording.gyro.up_at(when.get(t_ns, t_ns))
 
-    configs = {name: replace(settings.compass, method=name) for name in METHODS}
+    names = dict.fromkeys((*METHODS, settings.compass.method, *own_methods(), *(find_method(m)[0] for m in methods)))
+    configs = {name: replace(settings.compass, method=name) for name in names}
     compasses = {name: VisualCompass(c, None if name == PAPER else up_exposed) for name, c in configs.items()}
     watched = _Watched(recording, compasses)
     run = fuse_recording(watched, settings, progress)
@@ -175,7 +178,7 @@ def score_tracks(drive: str, seed: int, tracks: Tracks, truth: TruthTrack, frame
         increments = tracks.increments.get(name, [])
         claimed = name in (FUSED, SMOOTHED)
         honesty = fused_honesty(track, truth) if claimed else increment_honesty(increments, truth)
-        given = len(increments) / max(frames - 1, 1) if name in METHODS else math.nan
+        given = len(increments) / max(frames - 1, 1) if name in tracks.increments else math.nan
         outcomes.append(Outcome(drive, seed, name, found, distance, turns, honesty, given))
     return outcomes
 
@@ -217,7 +220,13 @@ def _honesty(error: Floats, variance: Floats) -> Honesty:
 
 
 def evaluate_experiments(
-    names: Sequence[str], seeds: int, settings: Settings, workers: int, smooth: bool, worlds: str = HELD_OUT_WORLDS
+    names: Sequence[str],
+    seeds: int,
+    settings: Settings,
+    workers: int,
+    smooth: bool,
+    worlds: str = HELD_OUT_WORLDS,
+    methods: Sequence[str] = (),
 ) -> list[Outcome]:
     """All methods on the named experiments, each with `seeds` seeds; the same seeds give the same outcomes.
 
@@ -225,9 +234,11 @@ def evaluate_experiments(
     ----------
     worlds : str
         See `choose_world`.
+    methods : sequence of str
+        Beside the compass's own and those that were registered.
     """
     _render(names, seeds, worlds)
-    tasks = [(name, seed, worlds, settings, smooth) for name in names for seed in range(seeds)]
+    tasks = [(name, seed, worlds, settings, smooth, methods) for name in names for seed in range(seeds)]
     outcomes: list[Outcome] = []
     with progress_bar("evaluating") as progress:
         for count, found in enumerate(_map(tasks, workers), start=1):
@@ -236,7 +247,8 @@ def evaluate_experiments(
     return outcomes
 
 
-Task = tuple[str, int, str, Settings, bool]  # experiment, seed, worlds, settings, whether to smooth
+# experiment, seed, worlds, settings, whether to smooth, further methods
+Task = tuple[str, int, str, Settings, bool, Sequence[str]]
 
 
 def _map(tasks: Sequence[Task], workers: int) -> Iterator[list[Outcome]]:
@@ -244,19 +256,25 @@ def _map(tasks: Sequence[Task], workers: int) -> Iterator[list[Outcome]]:
         yield from map(_evaluate_experiment, tasks)
         return
     # Fresh processes: a fork would copy the locks of threads that it does not copy.
-    with ProcessPoolExecutor(workers, get_context("spawn"), cv2.setNumThreads, (1,)) as pool:
+    with ProcessPoolExecutor(workers, get_context("spawn"), _start_worker, (own_methods(),)) as pool:
         try:
             yield from pool.map(_evaluate_experiment, tasks)
         finally:
             pool.shutdown(cancel_futures=True)
 
 
+def _start_worker(methods: dict[str, MethodEntry]) -> None:
+    """In a new process: what the first one has told OpenCV and the compass."""
+    cv2.setNumThreads(1)
+    adopt_methods(methods)
+
+
 def _evaluate_experiment(task: Task) -> list[Outcome]:
-    name, seed, worlds, settings, smooth = task
+    name, seed, worlds, settings, smooth, methods = task
     recording = SimulatedRecording(simulate(name, seed, worlds=worlds), settings.imu)
     experiment = EXPERIMENTS[name]
     world = choose_world(experiment, seed, worlds)
-    tracks = all_tracks(recording, settings, smooth=smooth, exposed_ns=recording.exposed_ns)
+    tracks = all_tracks(recording, settings, smooth=smooth, exposed_ns=recording.exposed_ns, methods=methods)
     outcomes = score_tracks(name, seed, tracks, recording.truth, recording.frame_count)
     return [
         replace(
@@ -291,8 +309,15 @@ class BagOutcome:
     warnings: list[dict[str, Any]]
 
 
-def evaluate_bag(path: Path, settings: Settings, request: TopicRequest, smooth: bool) -> BagOutcome:
-    """All methods on a user's bag, which needs truth or GPS.
+def evaluate_bag(
+    path: Path,
+    settings: Settings,
+    request: TopicRequest,
+    smooth: bool,
+    methods: Sequence[str] = (),
+    yaws: Mapping[str, YawTrack] | None = None,
+) -> BagOutcome:
+    """All methods on a user's bag, which needs truth or GPS, and `methods` and `yaws` of the user's own.
 
     Raises
     ------
@@ -307,7 +332,11 @@ def evaluate_bag(path: Path, settings: Settings, request: TopicRequest, smooth: 
         if recording.truth is None and course is None:
             raise BagError(f"{path}: no ground truth and no GPS; name the truth's topic with --truth-topic")
         with progress_bar(f"evaluating {path.name}") as progress:
-            tracks = all_tracks(recording, settings, progress, smooth=smooth)
+            tracks = all_tracks(recording, settings, progress, smooth=smooth, methods=methods)
+    for name, track in (yaws or {}).items():
+        if recording.truth is not None and score(track, recording.truth) is None:
+            raise BagError(f"{name}: no two times in common with the truth of {path}; give seconds of the same clock")
+    tracks = replace(tracks, yaws={**tracks.yaws, **(yaws or {})})
     outcomes, drifts = [], {}
     if recording.truth is not None:
         outcomes = score_tracks(str(path), 0, tracks, recording.truth, recording.frame_count)

@@ -8,9 +8,12 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from compass.errors import VisualCompassError
+from compass.methods import find_method
 from fusion.offline.bag import BagError
 from fusion.offline.console import table
 from fusion.offline.evaluate import Outcome, evaluate_bag, evaluate_experiments
+from fusion.offline.foreign import read_yaws
 from fusion.offline.staging import staged_file
 from fusion.offline.summary import warning_lines
 from fusion.offline.topics import TopicRequest
@@ -33,8 +36,17 @@ def run_evaluation(
     workers: int | None = None,
     smooth: bool = False,
     worlds: str = HELD_OUT_WORLDS,
+    methods: Sequence[str] = (),
+    yaws: Sequence[Path] = (),
 ) -> str:
     """Evaluate experiments and bags; give the table and the verdicts.
+
+    Parameters
+    ----------
+    methods : sequence of str
+        Further methods of the compass, ``"module:function"``.
+    yaws : sequence of Path
+        TUM files of somebody else's yaw, scored beside ours on the bag.
 
     Raises
     ------
@@ -45,18 +57,23 @@ def run_evaluation(
     names = [find_experiment(name).name for name in what if Path(name) not in bags]
     if not what:
         names = list(EXPERIMENTS)
+    for name in methods:
+        find_method(name)  # before hours have passed
+    foreign = read_yaws(yaws)
+    if foreign and len(bags) != 1:
+        raise VisualCompassError(f"--yaw belongs to one bag, and {len(bags)} are given; name the one it was driven in")
     default = settings.compass.method
     outcomes: list[Outcome] = []
     parts: list[str] = []
     for kind in ((TUNED_WORLDS, HELD_OUT_WORLDS) if worlds == ALL_WORLDS else (worlds,)) if names else ():
-        found = evaluate_experiments(names, seeds, settings, workers or os.cpu_count() or 1, smooth, kind)
+        found = evaluate_experiments(names, seeds, settings, workers or os.cpu_count() or 1, smooth, kind, methods)
         parts += _tables(found, default, metric, f"{seeds} seed{'s' if seeds > 1 else ''}, {kind} worlds")
         outcomes += found
     if names:
         parts.append(world_table(outcomes))
     drifts, warnings = {}, {}
     for bag in bags:
-        scored = evaluate_bag(bag, settings, request, smooth)
+        scored = evaluate_bag(bag, settings, request, smooth, methods, foreign)
         if not scored.outcomes and not scored.drifts:
             raise BagError(f"{bag}: nothing to score: no yaw has two times in common with the truth, or with GPS fixes")
         drifts[str(bag)], warnings[str(bag)] = scored.drifts, scored.warnings

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 import numpy.typing as npt
+from scipy.special import ndtri
 
 from fusion.simulation.body import robot_body
 from fusion.simulation.robot import wander
@@ -18,7 +19,10 @@ from fusion.simulation.robot import wander
 Floats = npt.NDArray[np.float64]
 Frame = npt.NDArray[np.uint8]
 
-_POOL = 1 << 22  # noise samples drawn once per drive; each frame takes a stretch of them from a random start
+# Quantiles of the standard normal, of which each pixel of each frame draws one: a quarter of the time of normals.
+# No two frames share noise; in a dim scene corners would follow what they share.
+_LEVELS = 1 << 16
+_QUANTILES = ndtri((np.arange(_LEVELS) + 0.5) / _LEVELS).astype(np.float32)
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,7 +81,6 @@ class FrameEffects:
     def __init__(self, effects: Effects, t: Floats, yaw_rate: Floats, seed: int) -> None:
         self._effects, self._t, self._yaw_rate, self._seed = effects, t, yaw_rate, seed
         self._gain = _gains(effects, t, np.random.default_rng([seed, 1]))
-        self._pool: npt.NDArray[np.float32] | None = None
         self._fixed: tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]] | None = None
 
     def apply(self, index: int, clean: Frame) -> Frame:
@@ -97,11 +100,9 @@ class FrameEffects:
         return np.asarray(np.clip(image, 0, 255).astype(np.uint8))
 
     def _noise(self, index: int, shape: tuple[int, ...]) -> npt.NDArray[np.float32]:
-        size = shape[0] * shape[1]
-        if self._pool is None or self._pool.size < 4 * size:
-            self._pool = np.random.default_rng([self._seed, 2]).standard_normal(max(_POOL, 8 * size), np.float32)
-        start = int(np.random.default_rng([self._seed, 3, index]).integers(self._pool.size - size))
-        return self._pool[start : start + size].reshape(shape)
+        """(height, width) standard normal noise of one frame."""
+        rng = np.random.default_rng([self._seed, 3, index])
+        return np.asarray(_QUANTILES[rng.integers(0, _LEVELS, shape, np.uint16)])
 
     def _blur(self, image: npt.NDArray[np.float32], rate: float) -> npt.NDArray[np.float32]:
         """Smear of the turn during the exposure: three taps of the variance of a box (exact to a shift of 2 px)."""

@@ -93,7 +93,7 @@ def swaying_up(t_ns: int) -> tuple[float, float, float]:
 
 
 def cost(method: str, frames: list[np.ndarray], up_at: UpAt | None = None) -> tuple[float, float, float]:
-    """Update on average, the dearest update, and one transform of its strip, s; each the shortest of `REPEATS`."""
+    """Update in the median, the dearest update, and one transform of its strip, s; each the shortest of `REPEATS`."""
     compass = VisualCompass(CompassConfig(method=method), up_at)
     pixels = prepare_strip(0, frames[0], compass.config).pixels
     updates, transforms = np.empty((REPEATS, len(frames))), []
@@ -103,7 +103,7 @@ def cost(method: str, frames: list[np.ndarray], up_at: UpAt | None = None) -> tu
             updates[repeat, index] = duration(lambda frame=frame, index=index: compass.update(index * FRAME_NS, frame))
             transforms.append(duration(lambda: scipy.fft.rfft(pixels, axis=1)))
     each = updates.min(axis=0)[1:]  # the first has nothing to compare with
-    return float(each.mean()), float(each.max()), min(transforms)
+    return float(np.median(each)), float(each.max()), min(transforms)
 
 
 def show_costs(console: Console) -> None:
@@ -121,7 +121,7 @@ def show_costs(console: Console) -> None:
             cells += [f"{1e3 * update:.2f}", f"{update / transform:.1f}", f"{dearest / transform:.1f}"]
         table.add_row(method, *cells)
     console.print(table)
-    console.print(f"limit: {LIMIT:g} times one scipy.fft.rfft of the strip; the dearest update compares twice")
+    console.print(f"limit: {LIMIT:g} times one scipy.fft.rfft of the strip in the median; the dearest compares twice")
     for what, method in (("view found again after a gap", match_landmarks), ("look back", follow_landmarks)):
         console.print(f"{what}: {1e3 * min(cost_of_corners(method) for _ in range(REPEATS)):.0f} ms")
 

@@ -1,0 +1,64 @@
+"""How far the panorama has moved by and large: the highest peak of the correlation of all rows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.fft
+
+from compass.correlation import Floats, signed
+from compass.increment import CompassStatus
+from compass.match import Search
+from compass.strip import Spectrum
+
+OUTSIDE = 0.5  # of the highest peak anywhere is enough for one within reach
+RIVAL = 0.97  # of the highest peak makes another, APART-th of the circle away, as likely
+APART = 16
+
+
+@dataclass(frozen=True, slots=True)
+class CoarseShift:
+    """Where all rows together match best.
+
+    Attributes
+    ----------
+    shift_px : int
+        Whole columns in [-columns / 2, columns / 2).
+    correlation : float
+        Normalised correlation there, -1..1.
+    status : CompassStatus
+        AMBIGUOUS where another peak within reach is as high, else OK.
+    """
+
+    shift_px: int
+    correlation: float
+    status: CompassStatus
+
+
+def quantile(values: Floats, share: float) -> float:
+    """The value at this share of the sorted ones; `np.quantile` takes fifty times as long for so few."""
+    return float(np.sort(values)[int(share * (values.size - 1) + 0.5)])
+
+
+def coarse_shift(spectrum: Spectrum, columns: int, search: Search) -> CoarseShift:
+    """Shift of all rows pooled: the highest peak within reach, unless only one outside it matches.
+
+    Parameters
+    ----------
+    spectrum : (columns // 2 + 1,) array
+        Of the strips' correlation, as `pooled_spectrum` or `upright_spectrum` gives it.
+    """
+    values = scipy.fft.irfft(spectrum, columns)
+    best = anywhere = int(values.argmax())
+    lags = np.arange(columns)
+    possible = np.abs(signed(lags - search.expected_px, columns)) <= search.reach_px + 1.0
+    if not possible[best]:
+        best = int(np.where(possible, values, -np.inf).argmax())
+        shoulder = max(values[best - 1], values[(best + 1) % columns]) > values[best]  # of a peak beyond reach
+        if shoulder or values[best] < OUTSIDE * values[anywhere]:
+            best, possible = anywhere, np.ones(columns, bool)
+    rivals = possible & (np.abs(signed(lags - best, columns)) > columns / APART)
+    ambiguous = bool(rivals.any()) and float(values[rivals].max()) > RIVAL * float(values[best])
+    status = CompassStatus.AMBIGUOUS if ambiguous else CompassStatus.OK
+    return CoarseShift(int(signed(best, columns)), float(values[best]), status)
