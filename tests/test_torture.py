@@ -29,6 +29,9 @@ MET = [
     ("GTC", "C", "stabilised: does not turn", "slow camera"),
     ("GTC", "C", "single wrong matches", "slow camera"),
     ("GTC", "C", "remounted: keyframes anew", "slow camera"),
+    ("GC", "C", "frozen: no turn, and sure of it", "stop and go"),
+    ("TC", "C", "crowd walks one way, 0.1 rad/s for 15 s", "slow camera"),
+    ("GT", "G", "bias steps by 0.02 rad/s", "long legs"),
 ]
 
 

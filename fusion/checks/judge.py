@@ -198,7 +198,7 @@ def _delay(iso: Isolation, doubt: Doubt) -> float | None:
     change = [one.rate_change for one in windows if one.compass and one.gyro]
     by_change = sum(a * b for a, b in zip(off, change, strict=True))
     squares, total = sum(b * b for b in change), sum(a * a for a in off)
-    if len(off) < 2 or by_change**2 < TIMED * squares * total:
+    if len(off) < 2 or squares == 0.0 or by_change**2 < TIMED * squares * total:
         return None
     delay = -by_change / squares
     return delay if abs(delay) < LATEST else None

@@ -1,0 +1,93 @@
+"""Rules of fault isolation, a window at a time."""
+
+import math
+
+import pytest
+
+from fusion.checks.isolation import Isolation, Third
+from fusion.checks.judge import judge
+from fusion.checks.turns import Claim, Window
+from fusion.events import Sensor
+
+S = 500_000_000  # ns, a window
+
+
+def rad(degrees):
+    return math.radians(degrees)
+
+
+def window(index, gyro=None, tracks=None, compass=None, followed=0.0, *, change=0.0, beyond=False):
+    """A window of half a second; turns in deg."""
+    claims = [
+        None if turn is None else Claim(rad(turn), rad(noise))
+        for turn, noise in ((gyro, 0.02), (tracks, 0.4), (compass, 0.04))
+    ]
+    times = index * S, (index + 1) * S
+    return Window(*times, *claims, rad(followed), rate_change=change, gyro_beyond=beyond)
+
+
+class Robot:
+    """Follows what is judged: the yaw it has turned by, deg, and the gyro's bias, deg/s."""
+
+    def __init__(self):
+        self.iso, self.yaw, self.bias, self.index = Isolation(), 0.0, 0.0, 0
+
+    def see(self, gyro=None, tracks=None, compass=None, **kind):
+        """One window; `gyro` with its true bias of none."""
+        corrected = None if gyro is None else gyro - self.bias * 0.5
+        excluded = self.iso.excludes(Sensor.GYRO)
+        followed = compass if excluded or corrected is None else corrected
+        self.yaw += followed
+        one = window(self.index, corrected, tracks, compass, followed, **kind)
+        self.iso, remedy = judge(self.iso, one, rad(self.bias))
+        self.index += 1
+        self.yaw += math.degrees(remedy.shift)
+        if remedy.bias is not None:
+            self.bias = math.degrees(remedy.bias)
+
+
+def test_images_that_do_not_turn_are_left_out_though_first_a_bias_explained_them():
+    robot = Robot()
+    for turn in (0.0, 10.0, 10.0, 10.0):
+        robot.see(gyro=turn, compass=0.0)
+    assert robot.yaw == pytest.approx(0.0, abs=0.1)  # a bias of 20 deg/s explains all of that
+    for turn in (4.0, 0.0, 8.0):
+        robot.see(gyro=turn, compass=0.0)
+    assert robot.yaw == pytest.approx(42.0, abs=0.1)
+    assert robot.bias == pytest.approx(0.0, abs=0.1)
+    assert robot.iso.excludes(Sensor.COMPASS)
+    assert math.degrees(math.sqrt(robot.iso.variance(robot.index * S))) > 42.0 / 3.0
+
+
+def test_bias_that_steps_is_found_and_the_images_are_followed():
+    robot = Robot()
+    for turn in (0.0, 5.0, 0.0, 0.0, 6.0, 3.0):
+        robot.see(gyro=turn + 5.0, compass=turn)
+    assert robot.yaw == pytest.approx(14.0, abs=0.1)
+    assert robot.bias == pytest.approx(10.0, abs=0.1)
+
+
+def test_late_gyro_is_not_believed_for_turning_steadily():
+    robot = Robot()
+    robot.see(gyro=0.0, tracks=10.0, compass=10.0, change=0.4)
+    assert robot.iso.excludes(Sensor.GYRO)
+    for _ in range(6):
+        robot.see(gyro=10.0 + robot.bias * 0.5, tracks=10.0, compass=10.0)
+    assert robot.iso.excludes(Sensor.GYRO)
+
+
+def test_gyro_that_turns_as_no_robot_does_stays_out():
+    robot = Robot()
+    for _ in range(4):
+        robot.see(gyro=570.0, tracks=10.0, compass=10.0, beyond=True)
+    for turn in (0.0, 10.0, 0.0, 10.0, 20.0):
+        robot.see(gyro=turn, tracks=turn, compass=turn, change=0.3)
+    assert robot.iso.excludes(Sensor.GYRO)
+    assert robot.bias == 0.0  # nor is that a bias
+
+
+def test_third_sensor_that_contradicts_both_takes_no_side():
+    slips, agrees = Claim(rad(12.0), rad(0.4)), Claim(rad(3.0), rad(0.4))
+    assert Third().plus(slips, 0.0, rad(3.0)).side is None
+    assert Third().plus(agrees, 0.0, rad(3.0)).side is True
+    assert Third().plus(slips, 0.0, rad(3.0)).plus(Claim(0.0, rad(0.4)), 0.0, rad(3.0)).side is False
