@@ -15,6 +15,7 @@ from compass import YawIncrement, wrap_angle
 from compass.attitude import beyond_error
 from fusion.agreement import Agreement
 from fusion.checks.comparison import Comparison
+from fusion.checks.explain import adds_up
 from fusion.checks.turns import FASTEST, WINDOW_NS
 from fusion.clones import Clone
 from fusion.config import FusionConfig
@@ -123,6 +124,9 @@ class YawFilter:
         window_over = state.turns.start_ns == event.t_ns
         if unconfirmed is not None and window_over:
             unconfirmed = unconfirmed.with_window(state.isolation.last)
+            beyond = unconfirmed.contradiction(state.belief) if state.only_tracks_watch else None
+            if beyond is not None and not state.warnings:
+                state.warnings = (adds_up(Sensor.COMPASS, unconfirmed.since.t_ns, beyond),)
         if state.only_tracks_watch and unconfirmed is not None:
             agreed = agreed or (window_over and not refused and unconfirmed.agrees(state.belief))
         elif isinstance(event, CompassEvent) and gate.accepted_ns == event.t_ns and gate.report:

@@ -42,6 +42,17 @@ def warnings_of(iso: Isolation) -> tuple[Warning, ...]:
     return tuple(found)
 
 
+def adds_up(sensor: Sensor, since_ns: int, beyond: float) -> Warning:
+    """What a sensor and the tracks contradict by, rad, though in no window by much."""
+    return Warning(
+        "sensors_disagree",
+        f"{Sensor.TRACKS.value}+{sensor.value}",
+        since_ns,
+        f"{NAMES[sensor]} has turned by {math.degrees(beyond):+.1f} deg more than the odometry since they last agreed; "
+        f"nobody can tell who is right: sigma covers both; {_RECHECK[sensor]}",
+    )
+
+
 def _warnings(iso: Isolation, sensor: Sensor, since_ns: int, doubt: Doubt | None) -> list[Warning]:
     """What is wrong with a sensor; where nobody can tell whether it is not the other one that errs, what with that."""
     windows = [window for window in iso.evidence if window.claim(sensor)] or list(iso.evidence)

@@ -148,8 +148,18 @@ class Unconfirmed:
         """Whether the tracks say the same since then, well within their noise."""
         if self.tracks is None:
             return True
-        beyond = now.yaw - self.since.yaw - self.tracks.turn_until(now.t_ns) / now.scale
-        return beyond**2 <= WELL_WITHIN**2 * (self.noise + self._by_scale(now))
+        return self._beyond(now) ** 2 <= WELL_WITHIN**2 * (self.noise + self._by_scale(now))
+
+    def contradiction(self, now: Belief) -> float | None:
+        """By how much the yaw has turned more than the tracks say, rad, where that cannot be their noise."""
+        beyond = self._beyond(now)
+        clear = self.tracks is not None and self._witnessed(now)
+        return beyond if clear and beyond**2 > CLEAR**2 * (self.noise + self._by_scale(now) + ALIKE_TURN**2) else None
+
+    def _beyond(self, now: Belief) -> float:
+        """By how much the yaw has turned since then more than the tracks say, rad."""
+        claimed = self.tracks.turn_until(now.t_ns) / now.scale if self.tracks else 0.0
+        return now.yaw - self.since.yaw - claimed
 
     def _by_scale(self, now: Belief) -> float:
         """Variance that the tracks' scale gives to what they claim since then, rad^2."""
@@ -165,10 +175,9 @@ class Unconfirmed:
 
     def variance(self, now: Belief, *, images: bool) -> float:
         """What it adds to that of the yaw, rad^2; `images`: no gyro, but images tell the turn, and tracks slip."""
-        turn = now.yaw - self.since.yaw
         alike = ALIKE_TURN**2
         if self.tracks is not None and self._witnessed(now):
-            beyond = turn - self.tracks.turn_until(now.t_ns) / now.scale
+            beyond = self._beyond(now)
             alike += self._by_scale(now)
             if images:
                 news = DOUBT[Sensor.GYRO] * max(beyond**2 - alike - SLIP**2 * self.noise, 0.0)
