@@ -89,8 +89,9 @@ class YawFilter:
         elif isinstance(event, TracksEvent):
             self._fuse_tracks(state, event)
         elif isinstance(event, CompassEvent):
-            if before.scale_variance > 0.0:
+            if before.scale_variance > 0.0 and not before.isolation.excludes(Sensor.COMPASS):
                 ekf.widen(State.YAW, before.scale_variance)
+                state.told_yaw = float(ekf.x[State.YAW])
             self._fuse_increment(state, event)
             if state.turns.start_ns == event.t_ns != before.turns.start_ns:
                 state.turns = replace(state.turns, corrected=float(ekf.x[State.YAW]) - state.turns.start.yaw)
