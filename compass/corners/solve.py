@@ -26,6 +26,7 @@ FAR, OUTLIER = 0, MEANS_PX.size + 1  # components of the mixture: no parallax, a
 SPREAD_PX = 20.0  # to either side, over which outliers lie evenly
 PSEUDO_COUNT = 1.0  # corners of each component beforehand: a flat Dirichlet prior
 STEP = np.array([0.05, 0.03, 0.03, 0.6, 0.1])  # rad, longest of each of the state in one round
+LEAST_PX = 1e-6  # standard deviation of a corner where two images are the same to the last bit: no division by zero
 ROUNDING = 1e-3  # rad^-2, keeps what nothing tells from being singular
 AHEAD = 0.02  # sine of the angle from the travel below which a corner's epipolar line is not known
 
@@ -219,7 +220,8 @@ class _Lines:
         """(k, n) variances along and across."""
         mean, excess = problem.covariance
         excess = (excess * self._back * self._back).real
-        return noise[:, None] * (mean.real + excess), noise[:, None] * (mean.real - excess)
+        least = (LEAST_PX * problem.per_column) ** 2
+        return noise[:, None] * (mean.real + excess) + least, noise[:, None] * (mean.real - excess) + least
 
     def jacobian(self, problem: Problem, pushed: bool) -> Floats:
         """(k, 5, 2 n) change of the residuals along and across, in turn, with the state."""
