@@ -17,7 +17,8 @@ def gyro_claim(turns: Turns, start_ns: int, t_ns: int, config: FusionConfig) -> 
     gain = 1.0 + known.gyro_scale
     turn = (gyro.turn_until(t_ns) - known.bias * seconds) / gain
     noise = config.gyro_sigma * seconds / math.sqrt(gyro.count)
-    return Claim(turn, math.hypot(noise, known.bias_sigma * seconds), known.gyro_scale_sigma / gain)
+    held = config.rate_walk * ((t_ns - gyro.t_ns) * 1e-9) ** 1.5 / math.sqrt(3.0)  # since its last sample
+    return Claim(turn, math.hypot(noise, known.bias_sigma * seconds, held), known.gyro_scale_sigma / gain)
 
 
 def tracks_claim(
