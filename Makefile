@@ -1,6 +1,6 @@
 # The commands that people and CI both run:
 #   make check     while working: lint, and the tests without long simulations and without nodes; a minute on two cores
-#   make test      before a change lands: all tests; 7 minutes on two cores, longer beside other programs, no less green
+#   make test      before a change lands: all tests; 6 minutes on two cores, longer beside other programs, no less green
 #   make lint      style and types alone
 #   make torture   every sensor times every fault, written to docs/faults.md; 6 minutes on two cores
 #   make bench     speed, which no test judges
