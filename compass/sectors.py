@@ -20,9 +20,7 @@ TAPS = 6  # samples on either side of the best one that its interpolation uses
 FINE = 16  # interpolated samples per column
 CORRELATED_PIXELS = 4.0  # that share their error: smoothing, and parallax inside a sector
 MOSTLY = 0.3  # of a sector must show the world in both strips; losing more on one side misleads their median
-APART = (
-    8.0  # times as far: a keyframe of sectors lasts until they have moved apart by a column, one of corners by eight
-)
+APART = 8.0  # times as far as sectors may corners move apart until their keyframe is renewed: by eight columns, not one
 AGREED = 1.5  # deviations: three sectors of four this near to all rows pooled saw nothing but a turn
 NOISE_FLOOR_PX = 0.01  # what interpolation and JPEG leave of a shift's error, columns
 

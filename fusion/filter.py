@@ -16,12 +16,12 @@ from compass.attitude import beyond_error
 from fusion.agreement import Agreement
 from fusion.checks.comparison import Comparison
 from fusion.checks.explain import adds_up
-from fusion.checks.turns import FASTEST, WINDOW_NS
+from fusion.checks.turns import FASTEST, SILENT_NS, WINDOW_NS
 from fusion.clones import Clone
 from fusion.config import FusionConfig
 from fusion.ekf import YAWS, Correction, Measurement, State, Transition, YawEkf
 from fusion.events import CompassEvent, FusionEvent, GyroEvent, HeadingEvent, Sensor, TracksEvent
-from fusion.filter_state import SILENT_NS, FilterState, believed, exposure_of
+from fusion.filter_state import FilterState, believed, exposure_of
 from fusion.gating import Verdict, gate_limit
 from fusion.lean import LEAN_ERROR, BiasGain, heading_change
 from fusion.noise import LearntNoise

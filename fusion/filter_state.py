@@ -10,7 +10,7 @@ import numpy as np
 from fusion.agreement import Agreement
 from fusion.checks.isolation import DOUBT, Isolation
 from fusion.checks.refusal import Refusal
-from fusion.checks.turns import COMPASS_SILENT_NS, SAME_NUMBER, Turns
+from fusion.checks.turns import COMPASS_SILENT_NS, SAME_NUMBER, SILENT_NS, Turns
 from fusion.checks.unconfirmed import Belief, TracksSince, Unconfirmed
 from fusion.checks.warnings import Warning
 from fusion.clones import Clones
@@ -25,7 +25,6 @@ from fusion.standstill import Stillness
 from fusion.tracks import TrackClaim, TrackVoice
 
 HIDDEN_RATE = 1e-3  # rad/s; a start shows only after some hundredths of a second, at about 0.01 rad/s
-SILENT_NS = 500_000_000  # longer than the gap between two images of a slow camera
 
 
 @dataclass(slots=True)

@@ -24,6 +24,7 @@ GROSS = 0.02  # rad/s; smaller contradictions are for the filter's gates to sett
 CLEAR = 5.0  # standard deviations of a contradiction
 CLEAR_SCALE = 2.5  # of scale factors: theirs are no normal distributions, none is negative
 MOST_STRIKES = 6
+NEVER = 1_000_000_000  # windows
 NO_SPIKES = 3  # windows with turns that no robot makes
 CHANGED = 0.1  # rad/s in a window; who errs at less errs at a steady rate, too
 EVIDENCE = 20  # windows with a contradiction that are remembered, to name the fault
@@ -308,18 +309,17 @@ class Isolation:
 
     def following(self, sensor: Sensor, window: Window) -> Remedy:
         """Have the filter's yaw go on as a sensor says, in this window and in the last one."""
-        shift = variance = 0.0
-        for one in (self.last, window):
-            claim = one and one.claim(sensor)
-            if one and claim and (one is window or one.t_ns == window.start_ns):
-                shift += (one.corrected if variance == 0.0 else 0.0) + claim.turn - one.followed
-                variance += claim.sigma**2
-        return Remedy(shift, variance)
+        joined = [one for one in (self.last, window) if one and (one is window or one.t_ns == window.start_ns)]
+        told = [(one, claim) for one in joined if (claim := one.claim(sensor))]
+        if not told:
+            return Remedy()
+        shift = told[0][0].corrected + sum(claim.turn - one.followed for one, claim in told)
+        return Remedy(shift, sum(claim.sigma**2 for _, claim in told))
 
     def needed(self, sensor: Sensor) -> int:
         """In how many telling windows in a row an excluded sensor must agree to be trusted again."""
         if sensor is Sensor.GYRO and sum(window.gyro_beyond for window in self.evidence) >= NO_SPIKES:
-            return EVIDENCE * EVIDENCE  # it gives other units, and will not stop to
+            return NEVER  # it gives other units, and will not stop to
         strikes = self.strikes[list(Sensor).index(sensor)]
         return 1 << max(strikes - 1, 0)
 

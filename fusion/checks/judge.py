@@ -228,24 +228,20 @@ def _judge_trusted(iso: Isolation, window: Window, bias: float) -> Judged:
     if gyro and compass and contradict(gyro, compass, window.seconds):
         return _gyro_against_compass(iso.noting(window), gyro, compass, window, bias)
     if gyro and window.gyro_beyond and (compass or tracks):
-        return _beyond(iso.noting(window), gyro, tracks, compass, window, bias)
+        return _beyond(iso.noting(window), gyro, window, bias)
     leader = compass or gyro
     if leader and tracks and contradict(leader, tracks, window.seconds):
         return _tracks_against(iso.noting(window), leader, tracks, window, bias)
     return iso, Remedy()
 
 
-def _beyond(
-    iso: Isolation, gyro: Claim, tracks: Claim | None, compass: Claim | None, window: Window, bias: float
-) -> Judged:
+def _beyond(iso: Isolation, gyro: Claim, window: Window, bias: float) -> Judged:
     """Exclude a gyro that turns as no robot does. The camera is vague then: its stamps count at such a rate."""
-    if compass is None or (tracks is not None and tracks.sigma < compass.sigma):
-        other, sensor = tracks, Sensor.TRACKS
-    else:
-        other, sensor = compass, Sensor.COMPASS
-    if other is None:
+    others = {one: claim for one in (Sensor.COMPASS, Sensor.TRACKS) if (claim := iso.trusted(one, window))}
+    if not others:
         return iso, Remedy()
-    follow = iso.following(sensor, window)
+    sensor = min(others, key=lambda one: others[one].sigma)
+    other, follow = others[sensor], iso.following(sensor, window)
     iso = iso.excluding(Sensor.GYRO, window, other.turn, gyro.turn - other.turn)
     return iso, Remedy.of((follow, _rebias(gyro, other, window, bias)))
 

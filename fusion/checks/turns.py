@@ -17,6 +17,7 @@ from fusion.standstill import CompassTurn
 
 WINDOW_NS = 500_000_000
 LONGEST_WINDOW_NS = 5_000_000_000  # a sensor's integral over longer says more of its noise than of the turn
+SILENT_NS = 500_000_000  # gyro or tracks; longer than the gap between two images of a slow camera
 COMPASS_SILENT_NS = 1_000_000_000  # then the odometry ends the windows
 LONGEST_GAP = 0.4  # of a window, in which an integrated sensor may have been silent and still be a witness
 FASTEST = 4.0 * math.pi  # rad/s; two turns a second, faster than tracked robots spin

@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 
 from compass import wrap_angle
 from fusion.checks.isolation import CLEAR, DOUBT
-from fusion.checks.turns import Window
+from fusion.checks.turns import SILENT_NS, Window
 from fusion.events import Sensor
 from fusion.samples import OdometrySample
 
@@ -29,7 +29,6 @@ ALIKE = 0.2  # of a turn; by less two that tell it need not differ to agree
 ALIKE_TURN = 1e-3  # rad, nor by less than the steps of an encoder
 WELL_WITHIN = 0.5  # standard deviations; what is forgotten at each agreement adds up
 SLIP = 1.0  # standard deviations; by less slip what images, without a gyro, tell more exactly
-TRACKS_SILENT_NS = 500_000_000  # as `fusion.filter_state.SILENT_NS`: until then the last rate is held
 # Of the news, squared, where nobody else speaks: a sign reversed is twice as wrong, and stays within three sigmas.
 REVERSED = (2.0 / 3.0) ** 2
 
@@ -171,7 +170,7 @@ class Unconfirmed:
         return self if self.blind_ns is not None else replace(self, blind_ns=t_ns)
 
     def _witnessed(self, now: Belief) -> bool:
-        return self.tracks is not None and now.t_ns - self.tracks.last.t_ns <= TRACKS_SILENT_NS
+        return self.tracks is not None and now.t_ns - self.tracks.last.t_ns <= SILENT_NS
 
     def variance(self, now: Belief, *, images: bool) -> float:
         """What it adds to that of the yaw, rad^2; `images`: no gyro, but images tell the turn, and tracks slip."""
