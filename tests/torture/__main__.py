@@ -25,10 +25,10 @@ CONTROL_SEEDS = 2, 3, 4
 PAGE = Path(__file__).parents[2] / "docs" / "faults.md"
 
 
-def jobs(only: str = "", drives: Sequence[str] = DRIVES) -> list[tuple[int, str, int]]:
-    """Index of the row, drive and seed of all that is tried."""
+def jobs(only: str = "", drives: Sequence[str] = DRIVES, others: int = 0) -> list[tuple[int, str, int]]:
+    """Index of the row, drive and seed of all that is tried; `others`: what to add to all seeds."""
     return [
-        (index, name, one)
+        (index, name, one + others)
         for index, row in enumerate(all_rows())
         if only in f"{row.who} {row.faulty} {row.name}"
         for name in drives
@@ -48,12 +48,13 @@ def main() -> int:
     parser = argparse.ArgumentParser(description="every sensor times every fault")
     parser.add_argument("--only", default="", help="only lines that contain this text: 'GT G deg/s'")
     parser.add_argument("--drive", choices=DRIVES, action="append", help="only this drive")
+    parser.add_argument("--others", type=int, default=0, help="add to all seeds: drives on which nothing was mended")
     parser.add_argument("--jobs", type=int, default=os.cpu_count())
     parser.add_argument("--out", type=Path, default=PAGE)
     args = parser.parse_args()
     began, rows = time.monotonic(), all_rows()
     with ProcessPoolExecutor(args.jobs) as pool:
-        results = list(pool.map(run_job, jobs(args.only, args.drive or DRIVES), chunksize=3))
+        results = list(pool.map(run_job, jobs(args.only, args.drive or DRIVES, args.others), chunksize=3))
     for one in results:
         one.row = rows[one.row]  # type: ignore[call-overload]
         if one.faults:
