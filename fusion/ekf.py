@@ -231,6 +231,18 @@ class YawEkf(ExtendedKalmanFilter):
             self.P = self.P.copy()
             self.P[_TURNING_BLOCK] += turning(missing, self.config.rate_ramp, min(seconds, LONGEST_STEP))[1]
 
+    def open_rate(self, sigma: float, within: float, seen: float) -> None:
+        """Let the turn rate have changed at once, by `sigma` (rad/s) or so, at some time in the last `within` seconds.
+
+        What was turned since goes with it. `seen` is by how much it seems to have changed: so much of the turn is
+        uncertain as the time is.
+        """
+        self.P = self.P.copy()
+        self.P[np.ix_([State.YAW, State.RATE], [State.YAW, State.RATE])] += sigma**2 * np.array(
+            [[within**2 / 4.0, within / 2.0], [within / 2.0, 1.0]]
+        )
+        self.P[State.YAW, State.YAW] += (seen * within) ** 2 / 12.0
+
     def refer_tracks(self) -> None:
         """Make the present the reference of the tracks."""
         self.clone_yaw(State.TRACK_REF)

@@ -34,6 +34,7 @@ TRACK_MEMORY = 300.0  # turns of the tracks; some minutes
 FOREVER_NS = 2**63
 WATCHED_NS = 50_000_000  # since the last gyro sample: a slower gyro does not see how the robot starts to turn
 SETTLING = 3.0  # s, over which is published what a standing robot finds out of its yaw
+STAMPS_APART = 4.0  # times by how much they may be off, between odometry samples whose difference in yaw is a turn rate
 VAGUE = 100.0  # times the noise of a gyro sample; from one of that a turn of 1 rad/s would not stand out
 
 
@@ -82,8 +83,14 @@ class YawFilter:
             state.stillness = Stillness(event.t_ns, reference_ns=event.t_ns)
         elif event.t_ns - before.t_ns > SILENT_NS:  # nobody would have seen it start
             state.stillness = state.stillness.moved(event.t_ns)
+        stood = state.stillness.standing
         self._watch(state, event)
         self._predict(state, event.t_ns)
+        if before.t_ns is not None and stood and not state.stillness.standing:
+            prior = seen = self.config.initial_rate_sigma
+            if isinstance(event, GyroEvent):
+                seen = event.sample.yaw_rate - float(ekf.x[State.BIAS])
+            ekf.open_rate(prior, (event.t_ns - before.t_ns) * 1e-9, seen)
         if isinstance(event, GyroEvent):
             self._fuse_gyro(state, event)
         elif isinstance(event, TracksEvent):
@@ -205,12 +212,10 @@ class YawFilter:
             stillness = stillness.with_tracks(event.sample)
         elif isinstance(event, CompassEvent) and not event.sample.far:
             stillness = stillness.with_increment(event.sample)
-        if state.stillness.standing and not stillness.standing:
-            self._ekf.widen(State.RATE, self.config.initial_rate_sigma**2)
-            if not state.hears(Sensor.TRACKS):
-                bias, turn = state.stillness.hidden_start()
-                self._ekf.widen(State.BIAS, bias**2)
-                self._ekf.widen(State.YAW, turn**2)
+        if state.stillness.standing and not stillness.standing and not state.hears(Sensor.TRACKS):
+            bias, turn = state.stillness.hidden_start()
+            self._ekf.widen(State.BIAS, bias**2)
+            self._ekf.widen(State.YAW, turn**2)
         state.stillness = stillness
 
     def _is_vague(self, variance: float) -> bool:
@@ -293,8 +298,10 @@ class YawFilter:
             self._comparison.compare(state, None)
         tracks = state.tracks
         alone = not (state.hears(Sensor.GYRO) or state.hears(Sensor.COMPASS))
-        # seldom enough that a slip meets what the others have settled, and not the other way round
-        interval = 0.0 if alone else self.config.track_interval
+        # seldom enough that a slip meets what the others have settled; alone, that stamps that are off do not matter
+        interval = self.config.track_interval
+        if alone:
+            interval = min(interval, STAMPS_APART * self.config.track_timing)
         turn, modulo_turn = tracks.turn_until(sample, self.config.odometry) if tracks else (None, False)
         seconds = (sample.t_ns - tracks.reference.t_ns) * 1e-9 if tracks else 0.0
         if tracks is None or turn is None:
@@ -329,6 +336,7 @@ class YawFilter:
             # the reference was never seen: place it where this increment says, so that those to come can use it
             state.references_lost += 1
             slot = self._remember(state, event.sample.t_ref_ns, reference=True)
+        self._allow_for_refused_gyro(state, event.t_ns)
         increment = self._levelled(event.sample, state.clones[slot])
         began_ns = state.turns.start_ns
         moved = not increment.far and self._comparison.take_turn(state, increment, slot if known else None)
@@ -357,6 +365,13 @@ class YawFilter:
             self._comparison.recover(state, measurement, since, until, witnessed=witnessed)
         else:
             self._comparison.note_refusal(state, increment, measurement, verdict)
+
+    def _allow_for_refused_gyro(self, state: FilterState, t_ns: int) -> None:
+        """Let the yaw have gone on as the gyro's last sample says, if it was refused: the next one will tell."""
+        gate = state.gates[Sensor.GYRO]
+        if gate.report and gate.accepted_ns and gate.rejecting_since_ns == gate.report.t_ns:
+            seconds = (t_ns - gate.accepted_ns) * 1e-9
+            self._ekf.widen(State.YAW, (gate.report.innovation * seconds) ** 2)
 
     @staticmethod
     def _levelled(increment: YawIncrement, clone: Clone | None) -> YawIncrement:

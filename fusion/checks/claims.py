@@ -18,7 +18,8 @@ def gyro_claim(turns: Turns, start_ns: int, t_ns: int, config: FusionConfig) -> 
     turn = (gyro.turn_until(t_ns) - known.bias * seconds) / gain
     noise = config.gyro_sigma * seconds / math.sqrt(gyro.count)
     held = config.rate_walk * ((t_ns - gyro.t_ns) * 1e-9) ** 1.5 / math.sqrt(3.0)  # since its last sample
-    return Claim(turn, math.hypot(noise, known.bias_sigma * seconds, held), known.gyro_scale_sigma / gain)
+    noise = math.hypot(noise, known.bias_sigma * seconds, held, math.sqrt(gyro.unseen))
+    return Claim(turn, noise, known.gyro_scale_sigma / gain)
 
 
 def tracks_claim(

@@ -39,6 +39,8 @@ class RateTurn:
         By the trapezoidal rule up to `t_ns`, rad.
     distance : float
         Driven meanwhile as the odometry claims, m.
+    unseen : float
+        Variance of the turn, rad^2, as nobody saw when the rate changed between two samples: at once, but at any time.
     gap_ns : int
         Longest time between two samples.
     count, repeats, beyond : int
@@ -51,6 +53,7 @@ class RateTurn:
     rate: float
     turn: float = 0.0
     distance: float = 0.0
+    unseen: float = 0.0
     gap_ns: int = 0
     count: int = 0
     repeats: int = 0
@@ -59,13 +62,15 @@ class RateTurn:
     def add(self, t_ns: int, rate: float, speed: float = 0.0) -> RateTurn:
         """With one more sample (rad/s, m/s)."""
         dt_ns = t_ns - self.t_ns
+        seconds = dt_ns * 1e-9
         return RateTurn(
             self.start_ns,
             t_ns,
             self.start_rate,
             rate,
-            self.turn + 0.5 * (self.rate + rate) * dt_ns * 1e-9,
-            self.distance + abs(speed) * dt_ns * 1e-9,
+            self.turn + 0.5 * (self.rate + rate) * seconds,
+            self.distance + abs(speed) * seconds,
+            self.unseen + ((rate - self.rate) * seconds) ** 2 / 12.0,
             max(self.gap_ns, dt_ns),
             self.count + 1,
             self.repeats + 1 if rate == self.rate else 0,
