@@ -22,8 +22,8 @@ from compass.errors import VisualCompassError
 from compass.parameters import ParameterSet, parameter
 from fusion.offline.bag import IMAGE, Bag, BagError, Message
 from nodes.conversions import ns_to_stamp
-from nodes.pace import Pace
 from nodes.parameters import declare_config
+from nodes.playback_clock import PlaybackClock
 from nodes.runtime import FinishedError, run
 
 SETTLE_S = 0.5  # from the first sight of a subscriber until messages surely reach it
@@ -56,8 +56,8 @@ class BagPlayer(Node):
             raise BagError("parameter 'bagfile' is empty; give the path of a bag: -p bagfile:=/path/to/bag")
         self._bag = Bag(self._config.bagfile).__enter__()
         self._loop = self._config.loop
-        self._pace = Pace(self._config.rate)
-        self._pace.pause(self._config.paused)
+        self._playback = PlaybackClock(self._config.rate)
+        self._playback.pause(self._config.paused)
         self._publishers_by_topic = self._make_publishers()
         self._clock_publisher = self.create_publisher(Clock, "/clock", 10) if self._config.clock_rate > 0.0 else None
         self.create_service(SetBool, "~/pause", self._on_pause)
@@ -118,7 +118,7 @@ class BagPlayer(Node):
     def _play(self) -> int:
         """Play once from start to end; returns the number of messages."""
         start_ns = self._bag.start_ns + round(self._config.start_offset * 1e9)
-        self._pace.start(start_ns)
+        self._playback.start(start_ns)
         count = 0
         for message in self._bag.replay(list(self._publishers_by_topic), start_ns):
             if not self._wait(message):
@@ -131,8 +131,8 @@ class BagPlayer(Node):
     def _wait(self, message: Message) -> bool:
         """Wait until a message is due, ticking ``/clock`` meanwhile; False when the player is closed."""
         tick = 1.0 / self._config.clock_rate if self._config.clock_rate > 0.0 else 0.1
-        while self._open and not self._pace.wait(message.record_ns, tick):
-            self._tick(min(self._pace.now_ns(), message.record_ns))
+        while self._open and not self._playback.wait(message.record_ns, tick):
+            self._tick(min(self._playback.now_ns(), message.record_ns))
         self._tick(message.record_ns)
         return self._open
 
@@ -141,14 +141,14 @@ class BagPlayer(Node):
             self._clock_publisher.publish(Clock(clock=ns_to_stamp(bag_ns)))
 
     def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
-        self._pace.pause(request.data)
+        self._playback.pause(request.data)
         response.success, response.message = True, "paused" if request.data else "playing"
         return response
 
     def _on_change(self, parameters: list[Any]) -> None:
         for changed in parameters:
             if changed.name == "rate":
-                self._pace.set_rate(changed.value)
+                self._playback.set_rate(changed.value)
             elif changed.name == "loop":
                 self._loop = changed.value
 

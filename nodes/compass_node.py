@@ -13,10 +13,10 @@ from fusion import Warning
 from fusion.checks.images import image_warnings
 from fusion.checks.warnings import most_serious_first
 from nodes.compass_stream import CompassStream
-from nodes.complaints import Complaints, WarningVoice
 from nodes.diagnostics import Diagnostics, Finding, warned
 from nodes.parameters import NodeParameters
 from nodes.runtime import on_jump_back, run
+from nodes.throttled_log import ThrottledLog, WarningLogger
 
 
 class CompassNode(Node):
@@ -32,11 +32,11 @@ class CompassNode(Node):
         super().__init__("compass_node", automatically_declare_parameters_from_overrides=True)
         parameters = NodeParameters(self, ("topics", "compass"))
         settings = parameters.settings
-        complaints = Complaints(self.get_logger().warning)
+        log = ThrottledLog(self.get_logger().warning)
         compass = VisualCompass(settings.compass)
         self.warning_sources: list[Callable[[], Iterable[Warning]]] = [lambda: image_warnings(compass)]
-        self._tell = WarningVoice(self.get_logger().warning)
-        self._stream = CompassStream(self, settings, compass, complaints)
+        self._tell = WarningLogger(self.get_logger().warning)
+        self._stream = CompassStream(self, settings, compass, log)
         parameters.on_change(self._stream.apply)
         self.create_service(Empty, "~/reset", self._on_reset)
         self._jumps = on_jump_back(self, self._stream.reset)

@@ -21,11 +21,11 @@ from compass.look_back import Look
 from fusion.compass_rate import CompassRate
 from fusion.messages import image_of, stamp_to_ns
 from fusion.settings import Settings
-from nodes.complaints import Complaints, surviving
 from nodes.conversions import yaw_odometry
 from nodes.diagnostics import Finding, compass_figures, stream_finding
 from nodes.health import SequenceGaps, StreamHealth
-from nodes.images import NewestWorker
+from nodes.newest_worker import NewestWorker
+from nodes.throttled_log import ThrottledLog, surviving
 from nodes.transport import compressed_topic, raw_topic
 
 IMAGE_QOS = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -44,7 +44,7 @@ class CompassStream:
         Topics, transport and frames.
     compass : VisualCompass
         Only this stream calls its `update`.
-    complain : Complaints
+    log : ThrottledLog
         Told of every image that cannot be used.
     use : callable, optional
         Takes every increment, in the image thread, or that which looks back; tells `health` whether it was used.
@@ -55,13 +55,13 @@ class CompassStream:
         node: Node,
         settings: Settings,
         compass: VisualCompass,
-        complain: Complaints,
+        log: ThrottledLog,
         use: Callable[[YawIncrement], object] | None = None,
     ) -> None:
         topics = settings.topics
         self._node = node
         self._compass = compass
-        self._complain = complain
+        self._log = log
         self._use = use
         self._frames = (topics.odom_frame, topics.base_frame)
         self._busy = threading.Lock()  # held while an image is worked on
@@ -74,9 +74,9 @@ class CompassStream:
         compressed = topics.image_transport == "compressed"
         self._kind = CompressedImage if compressed else Image
         self.topic = (compressed_topic if compressed else raw_topic)(topics.compass_image)
-        work = surviving(node, self.topic, complain, self._work)
+        work = surviving(node, self.topic, log, self._work)
         self._worker: NewestWorker[ImageMessage] = NewestWorker(work, "images")
-        look = surviving(node, self.topic, complain, self._look)
+        look = surviving(node, self.topic, log, self._look)
         self._back: NewestWorker[Look] = NewestWorker(look, "looking back")  # takes longer than an image may
         self._publisher = node.create_publisher(Odometry, topics.compass_output_topic, 10)
         node.create_subscription(
@@ -110,7 +110,7 @@ class CompassStream:
         )
         figures |= {"dropped": str(self._worker.dropped), "lost on the way": str(self._gaps.lost)}
         figures |= compass_figures(self._compass, self._confidence)
-        return level, text, figures | self._complain.figures(self.topic)
+        return level, text, figures | self._log.figures(self.topic)
 
     def _reset(self) -> None:
         self._compass.reset()
@@ -139,7 +139,7 @@ class CompassStream:
                 if look is not None:
                     self._back.offer(look)
         elif compass.status is not CompassStatus.FIRST_FRAME:
-            self._complain(self.topic, compass.status.value)
+            self._log(self.topic, compass.status.value)
             return
         if increment is None or self._use is None:
             self.health.use(time.monotonic(), t_ns)

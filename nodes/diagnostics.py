@@ -15,8 +15,8 @@ from compass import VisualCompass
 from fusion import Sensor, SensorReport, Warning, YawEstimate
 from fusion.filter_state import FilterState
 from fusion.lean import lean_angle
-from nodes.complaints import Complaints, surviving
 from nodes.health import Level, StreamHealth
+from nodes.throttled_log import ThrottledLog, surviving
 from nodes.transport import compressed_topic
 
 PERIOD_S = 1.0
@@ -41,8 +41,8 @@ class Diagnostics:
         self._sources = sources
         self._gone: set[str] = set()
         self._periods = 0
-        self._warn = Complaints(node.get_logger().warning)
-        self._tell = Complaints(lambda line: node.get_logger().info(line))  # rclpy wants one severity a source line
+        self._warn = ThrottledLog(node.get_logger().warning)
+        self._tell = ThrottledLog(lambda line: node.get_logger().info(line))  # rclpy wants one severity a source line
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
         # A steady clock: with use_sim_time and a paused bag, the diagnostics go on.
         publish = surviving(node, "diagnostics", self._warn, self._publish)

@@ -20,7 +20,6 @@ from fusion.messages import gyro_sample, odometry_sample
 from fusion.settings import Settings
 from fusion.vertical import ImuLevel
 from nodes.compass_stream import CompassStream
-from nodes.complaints import Complaints, WarningVoice, surviving
 from nodes.conversions import fused_odometry, pose_yaw
 from nodes.diagnostics import (
     Diagnostics,
@@ -33,9 +32,10 @@ from nodes.diagnostics import (
     warned,
 )
 from nodes.health import StreamHealth
-from nodes.inbox import Inbox, Sample
 from nodes.parameters import NodeParameters
 from nodes.runtime import on_jump_back, run
+from nodes.sample_queue import Sample, SampleQueue
+from nodes.throttled_log import ThrottledLog, WarningLogger, surviving
 from nodes.transforms import transform_broadcaster, transform_of
 
 MESSAGES = {Sensor.GYRO: Imu, Sensor.TRACKS: Odometry}
@@ -51,23 +51,23 @@ class FusionNode(Node):
         topics = settings.topics
         self._settings = settings
         self._topics = {Sensor.GYRO: topics.gyro_topic, Sensor.TRACKS: topics.odometry_topic}
-        self._complaints = Complaints(self.get_logger().warning)
-        self._tell = WarningVoice(self.get_logger().warning)
+        self._log = ThrottledLog(self.get_logger().warning)
+        self._tell = WarningLogger(self.get_logger().warning)
         self._pipeline = YawPipeline(settings.compass, settings.fusion)
         self._level = ImuLevel(settings.imu)
         self._pipeline.warning_sources.append(self._level.warnings)
-        self._inbox = Inbox(self, surviving(self, "fusion", self._complaints, self._fuse))
+        self._queue = SampleQueue(self, surviving(self, "fusion", self._log, self._fuse))
         self._health = {sensor: StreamHealth() for sensor in Sensor}
         self._published_ns = -1
         self._publisher = self.create_publisher(Odometry, topics.fused_output_topic, 10)
         self._broadcaster = transform_broadcaster(self) if topics.publish_tf else None
         self._listen(Sensor.GYRO, lambda message: gyro_sample(message, self._level))
         self._listen(Sensor.TRACKS, odometry_sample)
-        self._stream = CompassStream(self, settings, self._pipeline.compass, self._complaints, self._inbox.send)
+        self._stream = CompassStream(self, settings, self._pipeline.compass, self._log, self._queue.send)
         self._health[Sensor.COMPASS], self._topics[Sensor.COMPASS] = self._stream.health, self._stream.topic
         parameters.on_change(self._apply)
         self.create_service(Empty, "~/reset", self._on_reset)
-        set_pose = surviving(self, "set_pose", self._complaints, self._on_set_pose)
+        set_pose = surviving(self, "set_pose", self._log, self._on_set_pose)
         self.create_subscription(PoseWithCovarianceStamped, "set_pose", set_pose, 10)
         self._jumps = on_jump_back(self, self._reset)
         heard = ", ".join(f"{sensor.value} {topic}" for sensor, topic in self._topics.items())
@@ -88,9 +88,9 @@ class FusionNode(Node):
 
         def receive(message: Any) -> None:
             health.receive(time.monotonic())
-            self._inbox.append(convert(message))
+            self._queue.append(convert(message))
 
-        self._inbox.listen(MESSAGES[sensor], topic, surviving(self, topic, self._complaints, receive))
+        self._queue.listen(MESSAGES[sensor], topic, surviving(self, topic, self._log, receive))
 
     def _fuse(self, samples: list[Sample]) -> None:
         """Add samples and publish what they changed."""
@@ -98,7 +98,7 @@ class FusionNode(Node):
             sensor = sensor_of(sample)
             if not self._pipeline.add(sample):
                 why = fault_of(sample) or "late beyond lag_window, far ahead of all others, or known already"
-                self._complaints(self._topics[sensor], f"refused: {why}")
+                self._log(self._topics[sensor], f"refused: {why}")
             elif not (isinstance(sample, YawIncrement) and sample.far):  # that is the second of its image
                 self._count(sensor, sample.t_ns)
         self._publish()
@@ -135,7 +135,7 @@ class FusionNode(Node):
     def _reset(self) -> None:
         """Start everything anew."""
         self._stream.reset()
-        self._inbox.clear()
+        self._queue.clear()
         self._pipeline.leans.clear()
         self._pipeline.fusion.reset()
         self._level.reset()
@@ -163,7 +163,7 @@ class FusionNode(Node):
         figures |= self._filter_figures(sensor)
         if sensor is Sensor.GYRO:
             figures["vertical from"] = self._level.source
-        return self._warned((level, text, figures | self._complaints.figures(self._topics[sensor])), sensor)
+        return self._warned((level, text, figures | self._log.figures(self._topics[sensor])), sensor)
 
     def _filter_figures(self, sensor: Sensor) -> dict[str, str]:
         """How a sensor's samples fared in the filter."""
@@ -175,7 +175,7 @@ class FusionNode(Node):
         timeout, now = self._settings.topics.sensor_timeout, time.monotonic()
         live = sum(health.alive(now, timeout) for health in self._health.values())
         level, text, figures = fusion_finding(self._pipeline.estimate(), live)
-        figures |= self._complaints.figures("fusion")
+        figures |= self._log.figures("fusion")
         return self._warned((level, text, figures | count_figures(self._pipeline.fusion.counts, "reset")))
 
     def _images_finding(self) -> Finding:

@@ -23,7 +23,7 @@ from fusion.offline.run import fuse_recording
 from fusion.offline.topics import choose_topics
 from fusion.settings import load_settings
 from nodes.conversions import fused_odometry
-from nodes.pace import Pace
+from nodes.playback_clock import PlaybackClock
 
 MS = 1_000_000
 SECOND = 1000 * MS
@@ -150,7 +150,7 @@ def test_republisher_makes_raw_of_compressed(robot, tmp_path):
 
 def test_pace_follows_rate_and_pause():
     now = [100.0]
-    pace = Pace(2.0, lambda: now[0])
+    pace = PlaybackClock(2.0, lambda: now[0])
     pace.start(1000 * SECOND)
     now[0] += 3.0
     assert pace.now_ns() == 1006 * SECOND

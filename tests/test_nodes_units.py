@@ -14,11 +14,11 @@ from geometry_msgs.msg import PoseWithCovarianceStamped
 
 from fusion import YawEstimate
 from fusion.messages import MessageError, stamp_to_ns, yaw_of
-from nodes.complaints import REPEAT_S, Complaints
 from nodes.conversions import fused_odometry, ns_to_stamp, pose_yaw, yaw_odometry
 from nodes.health import Level, SequenceGaps, StreamHealth
-from nodes.images import NewestWorker
+from nodes.newest_worker import NewestWorker
 from nodes.parameters import describe, settings_specs
+from nodes.throttled_log import REPEAT_S, ThrottledLog
 from nodes.transforms import transform_of
 from nodes.transport import compressed_topic, raw_topic
 
@@ -89,7 +89,7 @@ def test_set_pose_that_says_nothing_is_refused(bad):
 
 def test_complaint_is_said_once_and_counted():
     said, now = [], [0.0]
-    complain = Complaints(said.append, lambda: now[0])
+    complain = ThrottledLog(said.append, lambda: now[0])
     for k in range(100):
         complain("/camera", f"step {k} of 'encoding{k}' is wrong")
     assert said == ["/camera: step 0 of 'encoding0' is wrong"]
@@ -101,14 +101,14 @@ def test_complaint_is_said_once_and_counted():
 
 
 def test_complaint_is_named_without_remedy_and_what_varies():
-    complain = Complaints(lambda line: None)
+    complain = ThrottledLog(lambda line: None)
     complain("/cam", "step 3 is shorter than a row of 16 pixels in bgr8, -48.5e0 bytes; give the true step")
     assert complain.figures("/cam") == {"fault: step * is shorter than a row of * pixels in bgr8, * bytes": "1"}
 
 
 def test_complaints_of_ever_new_kinds_do_not_fill_the_memory():
     said = []
-    complain = Complaints(said.append, lambda: 0.0)
+    complain = ThrottledLog(said.append, lambda: 0.0)
     words = ["".join(chr(97 + k // 26**i % 26) for i in range(3)) for k in range(1000)]
     for word in words:
         complain("/camera", word)

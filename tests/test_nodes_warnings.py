@@ -31,10 +31,10 @@ from sensor_msgs.msg import Image, Imu
 from fusion import Sensor, Warning
 from fusion.vertical import ImuLevel
 from nodes.compass_node import CompassNode
-from nodes.complaints import WarningVoice
 from nodes.diagnostics import warned
 from nodes.fusion_node import FusionNode
 from nodes.health import Level, StreamHealth
+from nodes.throttled_log import WarningLogger
 
 SECOND = 1_000_000_000
 STUCK = Warning("gyro_stuck", "gyro", 5, "says\n0.1; replace it")
@@ -46,7 +46,7 @@ FINE = (Level.OK, "OK", {"used": "5"})
 
 def test_each_warning_is_said_once_until_forgotten():
     said: list[str] = []
-    tell = WarningVoice(said.append)
+    tell = WarningLogger(said.append)
     for _ in range(3):
         tell([STUCK])
         tell([STUCK, Warning("gyro_stuck", "gyro", 9, "says 0.2")])
@@ -139,7 +139,7 @@ def test_node_shows_and_logs_what_its_sources_say(kind, monkeypatch):
     rclpy.init()
     node, said = kind(), []
     try:
-        node._tell = WarningVoice(said.append)
+        node._tell = WarningLogger(said.append)
         sources = node._pipeline.warning_sources if kind is FusionNode else node.warning_sources
         sources.append(lambda: [LOST])
         statuses = {name: find() for name, find in node._diagnostics._sources.items()}

@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable
 
 
-class Pace:
+class PlaybackClock:
     """Maps wall time to bag time. Safe to use from any thread.
 
     Parameters

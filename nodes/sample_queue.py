@@ -27,7 +27,7 @@ TURN_S = 0.01  # between two looks into the queues
 _MOST_PASSES = 10  # over the queues within one turn, when messages come faster than they are taken
 
 
-class Inbox:
+class SampleQueue:
     """Looks into all queues every `TURN_S`; what was in them is used in the order of the stamps.
 
     rclpy's executor spends a millisecond on each message that it delivers, and delivers one per subscription and turn.

@@ -24,7 +24,7 @@ _VARYING = r"'[^']*'|(?<!\w)-?\d[\d.e+-]*(?!\w)"  # quoted names and numbers, bu
 _MOST_KINDS = 50  # what a topic carries must not fill the memory
 
 
-class Complaints:
+class ThrottledLog:
     """Counts faults by kind and logs each kind at most every `REPEAT_S` seconds. Safe to use from any thread.
 
     Parameters
@@ -72,7 +72,7 @@ class Complaints:
             }
 
 
-class WarningVoice:
+class WarningLogger:
     """Says each warning once, when it first comes up."""
 
     def __init__(self, say: Callable[[str], object]) -> None:
@@ -90,7 +90,7 @@ class WarningVoice:
 
 
 def surviving(
-    node: Node, topic: str, complain: Complaints, receive: Callable[[Message], object]
+    node: Node, topic: str, log: ThrottledLog, receive: Callable[[Message], object]
 ) -> Callable[[Message], None]:
     """`receive`, such that nothing a message carries can end the node or the thread: it is a complaint instead."""
 
@@ -98,10 +98,10 @@ def surviving(
         try:
             receive(message)
         except VisualCompassError as error:
-            complain(topic, error)
+            log(topic, error)
         except Exception as error:
             if node.context.ok():  # else a publisher lost its context: the node is about to end
                 node.get_logger().debug(traceback.format_exc())
-                complain(topic, f"unexpected {error!r}")
+                log(topic, f"unexpected {error!r}")
 
     return survive
