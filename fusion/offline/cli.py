@@ -116,6 +116,7 @@ def simulate(experiment: str | None, out: Path | None, seed: int, config: Path |
     help="held-out: where no constant was chosen; tuned: each experiment's own place; all; or one held-out place.",
 )
 @click.option("--json", "json_file", type=_PATH, metavar="FILE", help="Write every outcome as JSON.")
+@click.option("--markdown", "markdown_file", type=_PATH, metavar="FILE", help="Write the accuracy section of a file.")
 @click.option(
     "--metric",
     type=click.Choice(["all", "final", "rms", "worst", "per_m", "per_turn"]),
@@ -142,6 +143,7 @@ def evaluate(
     seeds: int,
     worlds: str,
     json_file: Path | None,
+    markdown_file: Path | None,
     metric: str,
     smooth: bool,
     methods: tuple[str, ...],
@@ -155,8 +157,9 @@ def evaluate(
 ) -> None:
     """Score every compass, each sensor and the fused yaw.
 
-    WHAT are names of experiments and bags with ground truth; without, all experiments. On experiments the compass's
-    methods are told when images were exposed; "raw compass", what is published, goes by their stamps, as fused does.
+    WHAT are names of experiments, bags with ground truth, and files of an earlier --json; without, all experiments. On
+    experiments the compass's methods are informed when images were exposed; "raw compass", what is published, goes by
+    their stamps, as fused does.
     """
     from fusion.offline.evaluation import run_evaluation
     from fusion.offline.topics import TopicRequest
@@ -164,7 +167,9 @@ def evaluate(
 
     request = TopicRequest(image, gyro, odometry, truth)
     settings = load_settings(config)
-    text = run_evaluation(what, seeds, settings, request, metric, json_file, workers, smooth, worlds, methods, yaws)
+    text = run_evaluation(
+        what, seeds, settings, request, metric, json_file, workers, smooth, worlds, methods, yaws, markdown_file
+    )
     click.echo(text)
 
 
