@@ -45,7 +45,7 @@ bench: $(VENV)/dev.stamp
 
 evaluate: $(VENV)/base.stamp
 	mkdir -p out
-	$(BIN)/visual-compass evaluate --seeds 20 --smooth --json out/evaluation.json --markdown docs/benchmarks.md
+	$(BIN)/visual-compass evaluate --seeds 20 --smooth --json out/evaluation.json --markdown docs/benchmarks.md --headline README.md
 
 config: $(VENV)/base.stamp
 	{ echo '# All parameters with their defaults, for ros2 --params-file and visual-compass --config. Made by `make config`.'; \

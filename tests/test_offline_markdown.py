@@ -109,3 +109,27 @@ def test_file_that_is_no_evaluation_is_one_line(tmp_path, capsys):
         assert "other.json" in error
         assert "evaluate --json" in error
         assert len(error.splitlines()) == 1
+
+
+def test_headlines_are_the_median_and_the_worst_of_held_out_drives(monkeypatch, tmp_path, capsys):
+    def two_drives(names, seeds, settings, workers, smooth, worlds, methods):
+        scale = 1.0 if worlds != "tuned" else 50.0
+        return [
+            Outcome(name, 0, FUSED, Score(scale * math.radians(final), 0.0, 0.0), 1.0, 1.0, None, math.nan, world, held)
+            for name, final in (("spin3_indoor", -0.1), ("spin5_yard", 0.4), ("shifted", 9.0))
+            for world, held in ((("rubble", True),) if worlds != "tuned" else (("0", False),))
+        ]
+
+    monkeypatch.setattr(evaluation, "evaluate_experiments", two_drives)
+    page = tmp_path / "page.md"
+    assert main(["evaluate", "spin3_indoor", "spin5_yard", "--worlds", "all", "--headline", str(page)]) == 0
+    lines = [line for line in page.read_text().splitlines() if line.startswith("| ")]
+    assert [line.split("|")[-2].strip() for line in lines[2:]] == ["0.250", "0.250", "0.400"]
+    assert lines[2].startswith("| turns on the spot, median of 2 |")
+    assert "1 seed each, in worlds in which no constant was chosen" in page.read_text()
+
+
+def test_headlines_without_simulated_drives_say_so(tiny_bag, tmp_path, capsys):
+    assert main(["evaluate", str(tiny_bag), "--headline", str(tmp_path / "page.md")]) == 1
+    assert "--headline" in capsys.readouterr().err
+    assert not (tmp_path / "page.md").exists()

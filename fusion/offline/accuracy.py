@@ -9,14 +9,16 @@ from pathlib import Path
 
 import numpy as np
 
+from compass.errors import VisualCompassError
 from fusion.offline.evaluate import PAPER, Outcome
 from fusion.offline.gps import Drift
 from fusion.offline.markdown import markdown_table
 from fusion.offline.scores import COMPASS, FUSED, GYRO, SMOOTHED, TRACKS
 from fusion.offline.verdicts import Summary, drift_rows, summarise_outcomes, verdict_lines
 from fusion.simulation import EXPERIMENTS
+from fusion.simulation.experiment import Experiment
 
-SECTION = "accuracy"
+SECTION, HEADLINES = "accuracy", "results"
 OWN_PLACE = "own place"  # of an experiment
 
 Summaries = dict[str, dict[str, Summary]]
@@ -34,10 +36,8 @@ _COLUMNS = {
 }
 
 
-def accuracy_section(
-    outcomes: Sequence[Outcome], drifts: Mapping[str, Mapping[str, Drift]], default: str, further: Sequence[str] = ()
-) -> str:
-    """All tables of an evaluation; `further`: what else is to be said of it, a paragraph each."""
+def accuracy_section(outcomes: Sequence[Outcome], drifts: Mapping[str, Mapping[str, Drift]], default: str) -> str:
+    """All tables of an evaluation."""
     sources = _sources(summarise_outcomes([replace(one, drive="") for one in outcomes]))
     parts = [
         "## Accuracy",
@@ -52,7 +52,6 @@ def accuracy_section(
             ],
             left=2,
         ),
-        *further,
     ]
     simulated = [one for one in outcomes if one.world]
     for held_out in (True, False):
@@ -64,6 +63,44 @@ def accuracy_section(
             heading = f"### {Path(bag).name}: drift against the GPS course"
             parts += [heading, markdown_table(("source", "deg/min", "95 %"), drift_rows(found, default))]
     return "\n\n".join(parts)
+
+
+def headline_section(outcomes: Sequence[Outcome]) -> str:
+    """Six lines on simulated drives: the median over those of each kind, and the median and the worst of all.
+
+    Raises
+    ------
+    VisualCompassError
+        There are no simulated drives.
+    """
+    outcomes = [one for one in outcomes if one.drive in EXPERIMENTS and not EXPERIMENTS[one.drive].rolled]
+    if not outcomes:
+        raise VisualCompassError("--headline sums up simulated drives, and there are none; name experiments")
+    held_out = any(one.held_out for one in outcomes)
+    outcomes = [one for one in outcomes if one.held_out is held_out]
+    summaries, seeds = summarise_outcomes(outcomes), len({one.seed for one in outcomes})
+    kinds: dict[str, list[str]] = {}
+    for drive in summaries:
+        kinds.setdefault(_kind(EXPERIMENTS[drive]), []).append(drive)
+    rows = [(f"{kind}, median of {len(drives)}", drives, 50.0) for kind, drives in kinds.items()]
+    rows += [(f"all {len(summaries)}, median", list(summaries), 50.0), ("all, the worst", list(summaries), 100.0)]
+    columns = {"paper's method": PAPER, "raw compass": COMPASS, "gyro": GYRO, "tracks": TRACKS, "fused": FUSED}
+    cells = []
+    for text, drives, percentile in rows:
+        columns_of = [[abs(value) for drive in drives if (value := _published(drive)) is not None]]
+        for source in columns.values():
+            columns_of.append([abs(summaries[drive][source].final) for drive in drives if source in summaries[drive]])
+        cells.append((text, *(_deg(float(np.percentile(each, percentile))) if each else "" for each in columns_of)))
+    where = "worlds in which no constant was chosen" if held_out else "the experiments' own worlds"
+    return f"""Error of the yaw at the end of simulated drives, deg; {seeds} seed{"s"[: seeds > 1]} each, in {where}:
+
+{markdown_table(("drives", "published", *columns), cells)}"""
+
+
+def _kind(experiment: Experiment) -> str:
+    if experiment.mixed:
+        return "the paper's free drives" if experiment.published_deg is not None else "other drives"
+    return "straight ahead" if experiment.turns < 0.5 else "turns on the spot"
 
 
 def _drives(outcomes: Sequence[Outcome], default: str) -> list[str]:

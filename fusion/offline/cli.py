@@ -117,6 +117,7 @@ def simulate(experiment: str | None, out: Path | None, seed: int, config: Path |
 )
 @click.option("--json", "json_file", type=_PATH, metavar="FILE", help="Write every outcome as JSON.")
 @click.option("--markdown", "markdown_file", type=_PATH, metavar="FILE", help="Write the accuracy section of a file.")
+@click.option("--headline", "headline_file", type=_PATH, metavar="FILE", help="Write six lines of results into a file.")
 @click.option(
     "--metric",
     type=click.Choice(["all", "final", "rms", "worst", "per_m", "per_turn"]),
@@ -144,6 +145,7 @@ def evaluate(
     worlds: str,
     json_file: Path | None,
     markdown_file: Path | None,
+    headline_file: Path | None,
     metric: str,
     smooth: bool,
     methods: tuple[str, ...],
@@ -168,7 +170,19 @@ def evaluate(
     request = TopicRequest(image, gyro, odometry, truth)
     settings = load_settings(config)
     text = run_evaluation(
-        what, seeds, settings, request, metric, json_file, workers, smooth, worlds, methods, yaws, markdown_file
+        what,
+        seeds,
+        settings,
+        request,
+        metric,
+        json_file,
+        workers,
+        smooth,
+        worlds,
+        methods,
+        yaws,
+        markdown_file,
+        headline_file,
     )
     click.echo(text)
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from compass.errors import VisualCompassError
 from compass.methods import find_method
-from fusion.offline.accuracy import SECTION, accuracy_section
+from fusion.offline.accuracy import HEADLINES, SECTION, accuracy_section, headline_section
 from fusion.offline.bag import BagError
 from fusion.offline.console import table
 from fusion.offline.evaluate import Outcome, evaluate_bag, evaluate_experiments
@@ -51,6 +51,7 @@ def run_evaluation(
     methods: Sequence[str] = (),
     yaws: Sequence[Path] = (),
     markdown_file: Path | None = None,
+    headline_file: Path | None = None,
 ) -> str:
     """Evaluate experiments and bags; give the table and the verdicts.
 
@@ -64,6 +65,8 @@ def run_evaluation(
         TUM files of somebody else's yaw, scored beside ours on the bag.
     markdown_file : Path or None
         Whose accuracy section to write.
+    headline_file : Path or None
+        Whose section of six lines on the simulated drives to write.
 
     Raises
     ------
@@ -109,6 +112,8 @@ def run_evaluation(
             staged.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
     if markdown_file is not None:
         write_section(markdown_file, SECTION, accuracy_section(outcomes, drifts, default))
+    if headline_file is not None:
+        write_section(headline_file, HEADLINES, headline_section(outcomes))
     parts += [drift_table(bag, drift, default) for bag, drift in drifts.items() if drift]
     parts += [
         "\n".join((bag, *warning_lines(wrong, "the summary.json of fuse"))) for bag, wrong in warnings.items() if wrong
