@@ -19,6 +19,7 @@ from fusion.simulation import EXPERIMENTS
 from fusion.simulation.experiment import Experiment
 
 SECTION, HEADLINES = "accuracy", "results"
+KINDS = "turns on the spot", "straight ahead", "the paper's free drives", "other drives"
 OWN_PLACE = "own place"  # of an experiment
 
 Summaries = dict[str, dict[str, Summary]]
@@ -79,10 +80,10 @@ def headline_section(outcomes: Sequence[Outcome]) -> str:
     held_out = any(one.held_out for one in outcomes)
     outcomes = [one for one in outcomes if one.held_out is held_out]
     summaries, seeds = summarise_outcomes(outcomes), len({one.seed for one in outcomes})
-    kinds: dict[str, list[str]] = {}
+    kinds: dict[str, list[str]] = {kind: [] for kind in KINDS}
     for drive in summaries:
-        kinds.setdefault(_kind(EXPERIMENTS[drive]), []).append(drive)
-    rows = [(f"{kind}, median of {len(drives)}", drives, 50.0) for kind, drives in kinds.items()]
+        kinds[_kind(EXPERIMENTS[drive])].append(drive)
+    rows = [(f"{kind}, median of {len(drives)}", drives, 50.0) for kind, drives in kinds.items() if drives]
     rows += [(f"all {len(summaries)}, median", list(summaries), 50.0), ("all, the worst", list(summaries), 100.0)]
     columns = {"paper's method": PAPER, "raw compass": COMPASS, "gyro": GYRO, "tracks": TRACKS, "fused": FUSED}
     cells = []
@@ -99,8 +100,8 @@ def headline_section(outcomes: Sequence[Outcome]) -> str:
 
 def _kind(experiment: Experiment) -> str:
     if experiment.mixed:
-        return "the paper's free drives" if experiment.published_deg is not None else "other drives"
-    return "straight ahead" if experiment.turns < 0.5 else "turns on the spot"
+        return KINDS[2] if experiment.published_deg is not None else KINDS[3]
+    return KINDS[1] if experiment.turns < 0.5 else KINDS[0]
 
 
 def _drives(outcomes: Sequence[Outcome], default: str) -> list[str]:

@@ -138,6 +138,7 @@ def verdict_lines(summaries: dict[str, dict[str, Summary]], default: str) -> lis
             _paper_line(summaries, default),
             _fused_line(summaries, default),
             _honesty_line(summaries, default),
+            _honesty_line(summaries, FUSED),
         )
         if line
     ]
@@ -192,14 +193,14 @@ def _below_one(ratios: dict[str, float]) -> str:
     return f"below 1 in {better} of {len(ratios)}, {ratios[worst]:.2f} at worst in {worst}"
 
 
-def _honesty_line(summaries: dict[str, dict[str, Summary]], default: str) -> str:
-    ratios = {drive: found[default].honesty for drive, found in summaries.items() if default in found}
+def _honesty_line(summaries: dict[str, dict[str, Summary]], source: str) -> str:
+    ratios = {drive: found[source].honesty for drive, found in summaries.items() if source in found}
     ratios = {drive: ratio for drive, ratio in ratios.items() if math.isfinite(ratio)}
     if not ratios:
         return ""
     low, high = min(ratios, key=ratios.__getitem__), max(ratios, key=ratios.__getitem__)
     return (
-        f"squared error over variance of {default}: {np.mean(list(ratios.values())):.2f} on average,"
+        f"squared error over variance of {source}: {np.mean(list(ratios.values())):.2f} on average,"
         f" from {ratios[low]:.2f} in {low} to {ratios[high]:.2f} in {high}"
     )
 
