@@ -7,6 +7,7 @@ rendered once, some minutes the first time.
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import matplotlib
 import numpy as np
@@ -15,7 +16,6 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 
 from fusion.simulation import simulate
-from fusion.simulation.drive import Drive
 
 FOLDER = Path(__file__).parent
 BLUE, ORANGE, GREEN, GREY = "#0072b2", "#d55e00", "#009e73", "0.55"
@@ -23,12 +23,12 @@ BLUE, ORANGE, GREEN, GREY = "#0072b2", "#d55e00", "#009e73", "0.55"
 plt.rcParams.update({"axes.spines.top": False, "axes.spines.right": False, "font.size": 9})
 
 
-def drive_of(name: str = "demo", worlds: str = "tuned") -> Drive:
+def drive_of(name: str = "demo", worlds: str = "tuned") -> Any:
     """A simulated drive with known truth."""
     return simulate(name, 0, worlds=worlds)
 
 
-def seconds(drive: Drive) -> np.ndarray:
+def seconds(drive: Any) -> np.ndarray:
     """When the frames were exposed, s since the first."""
     return 1e-9 * (drive.frame_truth.t_ns - drive.frame_truth.t_ns[0])
 

@@ -25,7 +25,7 @@ _PATH = click.Path(path_type=Path)
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(package_name="visual-compass")
-@click.option("-v", "--verbose", is_flag=True, help="Tell what is being done.")
+@click.option("-v", "--verbose", is_flag=True, help="Say what is being done.")
 def cli(verbose: bool) -> None:
     """Yaw of a tracked robot from a 360-degree camera, a gyro and track odometry."""
     logging.basicConfig(level=logging.INFO if verbose else logging.WARNING, format="%(message)s", stream=sys.stderr)
@@ -48,7 +48,7 @@ def _topic_options(command: Command) -> Command:
 @click.argument("bag", type=_PATH)
 @click.option("--out", type=_PATH, metavar="DIR", help="Folder for the results  [default: ./<bag>_yaw]")
 @click.option("--config", type=_PATH, metavar="YAML", help="Parameters in ROS form; see config/visual_compass.yaml.")
-@click.option("--smooth", is_flag=True, help="Add the yaw that knows the future, too.")
+@click.option("--smooth", is_flag=True, help="Add the fixed-interval (RTS) smoother.")
 @_topic_options
 def fuse(
     bag: Path,
@@ -125,7 +125,7 @@ def simulate(experiment: str | None, out: Path | None, seed: int, config: Path |
     show_default=True,
     help="All in a long table, or one in a short.",
 )
-@click.option("--smooth", is_flag=True, help="Score the yaw that knows the future, too.")
+@click.option("--smooth", is_flag=True, help="Score the fixed-interval (RTS) smoother, too.")
 @click.option(
     "--method",
     "methods",
