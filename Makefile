@@ -43,9 +43,14 @@ torture: $(VENV)/dev.stamp
 bench: $(VENV)/dev.stamp
 	set -e; for script in tests/benchmarks/*.py; do echo "== $$script"; $(BIN)/python $$script --markdown docs/benchmarks.md; done
 
+# the real log is not in this repository; tests/photo_drive.py says where it is looked for
+HUSKY := $(wildcard ../shared/data/husky.bag)
+
 evaluate: $(VENV)/base.stamp
 	mkdir -p out
-	$(BIN)/visual-compass evaluate --seeds 20 --smooth --json out/evaluation.json --markdown docs/benchmarks.md --headline README.md
+	$(BIN)/visual-compass evaluate --seeds 20 --smooth --json out/evaluation.json
+	$(if $(HUSKY),$(BIN)/visual-compass evaluate $(HUSKY) --smooth --json out/husky.json)
+	$(BIN)/visual-compass evaluate out/evaluation.json $(if $(HUSKY),out/husky.json) --markdown docs/benchmarks.md --headline README.md
 
 config: $(VENV)/base.stamp
 	{ echo '# All parameters with their defaults, for ros2 --params-file and visual-compass --config. Made by `make config`.'; \

@@ -84,3 +84,10 @@ def test_readme_program_runs_as_it_stands():
     exec(code, names)  # our own text
     true = float(tiny.yaw(tiny.times(10.0)[-1]))
     assert names["estimate"].yaw == pytest.approx(true, abs=math.radians(0.5))  # over half a column of 0.7 deg
+
+
+def test_every_picture_is_shown_on_a_page():
+    shown = "".join(page.read_text(encoding="utf-8") for page in PAGES)
+    for picture in (ROOT / "docs" / "figures").glob("*.png"):
+        assert f"figures/{picture.name})" in shown, picture.name
+        assert picture.stat().st_size < 250_000  # bytes; a page loads at once
