@@ -167,22 +167,20 @@ def evaluate(
     from fusion.offline.topics import TopicRequest
     from fusion.settings import load_settings
 
-    request = TopicRequest(image, gyro, odometry, truth)
-    settings = load_settings(config)
     text = run_evaluation(
         what,
         seeds,
-        settings,
-        request,
+        load_settings(config),
+        TopicRequest(image, gyro, odometry, truth),
         metric,
-        json_file,
-        workers,
-        smooth,
-        worlds,
-        methods,
-        yaws,
-        markdown_file,
-        headline_file,
+        workers=workers,
+        smooth=smooth,
+        worlds=worlds,
+        methods=methods,
+        yaws=yaws,
+        json_file=json_file,
+        markdown_file=markdown_file,
+        headline_file=headline_file,
     )
     click.echo(text)
 
