@@ -93,7 +93,8 @@ def headline_section(outcomes: Sequence[Outcome]) -> str:
             columns_of.append([abs(summaries[drive][source].final) for drive in drives if source in summaries[drive]])
         cells.append((text, *(_deg(float(np.percentile(each, percentile))) if each else "" for each in columns_of)))
     where = "worlds in which no constant was chosen" if held_out else "the experiments' own worlds"
-    return f"""Error of the yaw at the end of simulated drives, deg; {seeds} seed{"s"[: seeds > 1]} each, in {where}:
+    return f"""Error of the yaw at the end of simulated drives, deg; {seeds} seed{"s"[: seeds > 1]} each, in {where}.
+`published` is what the paper reports of the real robot.
 
 {markdown_table(("drives", "published", *columns), cells)}"""
 
