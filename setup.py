@@ -27,6 +27,7 @@ def from_pyproject() -> dict[str, Any]:
         "name": project["name"],
         "version": project["version"],
         "packages": content["tool"]["setuptools"]["packages"],
+        "package_data": content["tool"]["setuptools"]["package-data"],
         "entry_points": {"console_scripts": commands},
     }
 
@@ -34,6 +35,7 @@ def from_pyproject() -> dict[str, Any]:
 setup(
     **from_pyproject(),
     python_requires=">=3.10",
+    license="BSD-3-Clause",
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
         (SHARE, ["package.xml"]),

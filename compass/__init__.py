@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from compass.match import Match, Search
     from compass.methods import register_method
     from compass.strip import Strip
+    from compass.version import __version__
     from compass.visual_compass import VisualCompass
 
 __all__ = [
@@ -25,6 +26,7 @@ __all__ = [
     "VisualCompass",
     "VisualCompassError",
     "YawIncrement",
+    "__version__",
     "register_method",
     "wrap_angle",
 ]
@@ -44,5 +46,6 @@ __getattr__, __dir__ = lazy_names(
         "register_method": "methods",
         "Strip": "strip",
         "VisualCompass": "visual_compass",
+        "__version__": "version",
     },
 )

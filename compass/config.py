@@ -15,7 +15,7 @@ class CompassConfig(ParameterSet):
 
     method: str = parameter(
         "corners",
-        "how a yaw increment is found; see the methods' pages in compass/README.md",
+        "how a yaw increment is found, see docs/compass.md",
         choices=METHODS,
         others="your own as module:function",
     )
@@ -41,7 +41,7 @@ class CompassConfig(ParameterSet):
     )
     max_yaw_rate: float = parameter(
         3.0,
-        "fastest turn to expect; a shift beyond it is believed only where nothing inside it matches",
+        "fastest turn to expect; a shift beyond it is accepted only where nothing inside it matches",
         unit="rad/s",
         low=0.01,
         high=100.0,
@@ -49,8 +49,8 @@ class CompassConfig(ParameterSet):
     )
     min_confidence: float = parameter(
         0.65,
-        "peak correlation below which no increment is given; 3 of 100 unrelated scenes are above it, the next image of "
-        "a drive is above 0.9, in a crowd above 0.7; those left `corners` knows by corners that no motion explains",
+        "peak correlation below which no increment is given; successive images of a drive have above 0.9, in a crowd "
+        "above 0.7, unrelated scenes in 3 of 100 cases above 0.65; `corners` rejects those by their outliers",
         low=0.0,
         high=1.0,
         live=True,
@@ -58,29 +58,28 @@ class CompassConfig(ParameterSet):
 
     keyframe_spread: float = parameter(
         -1.0,
-        "a keyframe stays the reference until the parts of the panorama have moved apart by this much; 0 compares "
-        "each image with the one before; -1: what suits the method, 8 for `corners`, 3 for others",
+        "a keyframe is kept until the parts of the panorama have moved apart by this much; 0 compares each image with "
+        "the one before; -1: the method's own value, 8 for `corners`, 3 for others",
         unit="px",
         low=-1.0,
         high=20.0,
     )
     find_again: bool = parameter(
         True,
-        "after a gap (darkness, a camera that failed) find the last view again by its corners and tell the turn since; "
+        "after a gap (darkness, a camera that failed) match the last view by its corners and give the turn since; "
         "`corners` only",
     )
     look_back: float = parameter(
         0.9,
-        "how often the turn since a view some seconds ago is told by its corners: right to a hundredth of a degree, "
-        "for the filter, at the cost of ten comparisons; 0: never; not more than the filter's `reference_window`; "
-        "`corners` only",
+        "time between increments over long baselines, some seconds, which are given to the filter and cost some ten "
+        "updates each; 0: none; at most the filter's `reference_window`; `corners` only",
         unit="s",
         low=0.0,
         high=60.0,
     )
     lean_sigma: float = parameter(
         0.02,
-        "error of roll and pitch, as an IMU tells them, standard deviation; it matters while the robot leans",
+        "error of roll and pitch from an IMU, standard deviation; it matters while the robot is tilted",
         unit="rad",
         low=0.0,
         high=1.0,

@@ -10,11 +10,11 @@ class FusionConfig(ParameterSet):
     """Settings of `YawFusion`; every field has a default, an unusable value raises `ConfigError`."""
 
     lag_window: float = parameter(
-        1.0, "how late a sample may come and still be applied at its own time", unit="s", low=0.0, high=60.0
+        1.0, "how late a sample may arrive and still be applied at its own time", unit="s", low=0.0, high=60.0
     )
     reference_window: float = parameter(
         1.0,
-        "how far before an image its reference may lie if no earlier increment spoke of that reference",
+        "how long before an image its reference may lie if no earlier increment had that reference",
         unit="s",
         low=0.0,
         high=60.0,
@@ -25,18 +25,18 @@ class FusionConfig(ParameterSet):
         1.0, "turn rate to expect while nothing measures it, standard deviation", unit="rad/s", low=1e-3, high=100.0
     )
     rate_walk: float = parameter(
-        1.0, "how fast the turn rate changes: its standard deviation after one second", unit="rad/s/sqrt(s)",
+        1.0, "process noise of the turn rate: its standard deviation after one second", unit="rad/s/sqrt(s)",
         low=1e-4, high=100.0,
     )  # fmt: skip
     watched_rate_walk: float = parameter(
-        0.4, "the same while a gyro watches; what changes faster the gyro reports twice before it is believed",
+        0.4, "the same while a gyro measures it; a faster change is accepted once the gyro reports it twice",
         unit="rad/s/sqrt(s)", low=1e-4, high=100.0,
     )  # fmt: skip
     rate_walk_factor: float = parameter(
-        3.0, "by what factor `watched_rate_walk` may be wrong, standard deviation: it is learnt; 1: it is right",
+        3.0, "1-sigma factor of the prior on `watched_rate_walk`; > 1 estimates it online, 1 keeps it",
         low=1.0, high=10.0,
     )  # fmt: skip
-    rate_ramp: float = parameter(0.02, "how long an acceleration of the turning lasts", unit="s", low=1e-3, high=10.0)
+    rate_ramp: float = parameter(0.02, "correlation time of the angular acceleration", unit="s", low=1e-3, high=10.0)
     gyro_sigma: float = parameter(
         0.0025, "white noise of one gyro sample, standard deviation", unit="rad/s", low=1e-6, high=10.0
     )
@@ -45,14 +45,14 @@ class FusionConfig(ParameterSet):
     )
     least_bias_sigma: float = parameter(
         0.0001,
-        "the same of a gyro that its driver has calibrated; any between is as likely, and gyro and tracks that agree "
-        "tell",
+        "the same of a gyro that its driver has calibrated; the prior is a mixture between both, which gyro and tracks "
+        "that agree narrow",
         unit="rad/s",
         low=1e-6,
         high=1.0,
     )
     bias_walk: float = parameter(
-        0.00002, "wander of the gyro bias: its standard deviation after one second", unit="rad/s/sqrt(s)",
+        0.00002, "random walk of the gyro bias: its standard deviation after one second", unit="rad/s/sqrt(s)",
         low=0.0, high=1.0,
     )  # fmt: skip
     gyro_scale_sigma: float = parameter(
@@ -64,7 +64,7 @@ class FusionConfig(ParameterSet):
         choices=("pose", "twist"),
     )
     track_interval: float = parameter(
-        0.5, "over how long the tracks' turn is measured; the longer, the less stamps that are off matter",
+        0.5, "interval over which the tracks' turn is measured; the longer, the less wrong stamps matter",
         unit="s", low=0.0, high=60.0,
     )  # fmt: skip
     track_noise: float = parameter(
@@ -72,59 +72,62 @@ class FusionConfig(ParameterSet):
         low=1e-6, high=10.0,
     )  # fmt: skip
     track_timing: float = parameter(
-        0.05, "how far the odometry's stamps may be off, standard deviation", unit="s", low=0.0, high=1.0
+        0.05, "timestamp error of the odometry, standard deviation", unit="s", low=0.0, high=1.0
     )
     track_slip_turn: float = parameter(
-        0.05, "straying of the tracks' turn rate in turns, as a fraction of it, standard deviation", low=0.0, high=10.0
+        0.05, "slip of the tracks: error of their turn rate as a fraction of it, standard deviation", low=0.0, high=10.0
     )
     track_slip_speed: float = parameter(
-        0.1, "straying of the tracks' turn rate per speed, standard deviation", unit="rad/m", low=0.0, high=10.0
+        0.1,
+        "slip of the tracks: error of their turn rate per speed, standard deviation",
+        unit="rad/m",
+        low=0.0,
+        high=10.0,
     )
     slip_factor: float = parameter(
         3.0,
-        "by what factor `track_noise` and the two before may be wrong, standard deviation: it is learnt; 1: they are "
-        "right",
+        "1-sigma factor of the prior on `track_noise` and the two before; > 1 estimates it online, 1 keeps them",
         low=1.0,
         high=10.0,
     )
-    slip_time: float = parameter(0.5, "how long such straying lasts", unit="s", low=1e-3, high=1e3)
+    slip_time: float = parameter(0.5, "correlation time of slip", unit="s", low=1e-3, high=1e3)
     veer_sigma: float = parameter(
         0.015, "turn the tracks claim per metre driven straight (one track longer), standard deviation", unit="rad/m",
         low=0.0, high=1.0,
     )  # fmt: skip
     least_veer_sigma: float = parameter(
-        0.00025, "the same of tracks that were calibrated; any between is as likely", unit="rad/m", low=1e-6, high=1.0
+        0.00025, "the same of tracks that were calibrated; the prior is a mixture", unit="rad/m", low=1e-6, high=1.0
     )
     initial_scale: float = parameter(1.0, "turn rate claimed by the tracks over the true one", low=0.05, high=20.0)
     initial_scale_sigma: float = parameter(0.3, "its standard deviation at the start", low=1e-6, high=10.0)
     scale_walk: float = parameter(
-        0.002, "wander of the track scale: its standard deviation after one second", unit="1/sqrt(s)",
+        0.002, "random walk of the track scale: its standard deviation after one second", unit="1/sqrt(s)",
         low=0.0, high=10.0,
     )  # fmt: skip
     compass_timing: float = parameter(
-        0.005, "how far the images' stamps stray, standard deviation", unit="s", low=0.0, high=1.0
+        0.005, "timestamp jitter of the images, standard deviation", unit="s", low=0.0, high=1.0
     )
     compass_timing_factor: float = parameter(
-        2.0, "by what factor that may be wrong, standard deviation: it is learnt; 1: it is right", low=1.0, high=10.0
+        2.0, "1-sigma factor of the prior on it; > 1 estimates it online, 1 keeps it", low=1.0, high=10.0
     )
     camera_delay: float = parameter(
-        0.0, "how much later than they were exposed images are stamped, at the start", unit="s", low=-1.0, high=1.0
+        0.0, "time from the exposure of an image to its stamp, at the start", unit="s", low=-1.0, high=1.0
     )
     camera_delay_sigma: float = parameter(0.05, "its standard deviation at the start", unit="s", low=0.0, high=1.0)
     compass_error: float = parameter(
-        8e-5, "part of the compass's errors that outlasts its references, standard deviation", unit="rad",
+        8e-5, "part of the compass's error that is correlated over its references, standard deviation", unit="rad",
         low=0.0, high=1.0,
     )  # fmt: skip
-    compass_error_time: float = parameter(6.0, "how long it lasts", unit="s", low=1e-3, high=1e3)
+    compass_error_time: float = parameter(6.0, "its correlation time", unit="s", low=1e-3, high=1e3)
     gate_probability: float = parameter(
-        0.9999, "share of honest samples that the chi-square gate lets pass", low=0.5, high=1.0 - 1e-12
+        0.9999, "share of consistent samples that the chi-square gate accepts", low=0.5, high=1.0 - 1e-12
     )
     recovery_time: float = parameter(
-        1.0, "a sensor rejected for this long is listened to again, with widened noise", unit="s", low=0.0, high=600.0
+        1.0, "a sensor rejected for this long is used again, with inflated noise", unit="s", low=0.0, high=600.0
     )
     slip_recovery_time: float = parameter(
         10.0,
-        "tracks rejected for this long have met another ground, not slipped: their scale is opened",
+        "tracks rejected for this long are on other ground, not slipping: the variance of their scale is inflated",
         unit="s",
         low=0.0,
         high=600.0,

@@ -1,4 +1,4 @@
-"""The tables of `compass/README.md` on views of simulated drives some seconds apart: sought, and looked back at.
+"""Views of simulated drives some seconds apart: matched across a gap, and over long baselines.
 
     python tests/gap_table.py
 

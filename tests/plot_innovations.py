@@ -1,4 +1,4 @@
-"""Draw the picture of fusion/README.md, a healthy run and a sick one: python tests/plot_innovations.py [PNG]."""
+"""Draw the innovations of docs/filter.md, without faults and with two: python tests/plot_innovations.py [PNG]."""
 
 import sys
 from dataclasses import replace
@@ -13,6 +13,7 @@ from robot_drive import robot_drive
 
 from fusion import GyroSample, OdometrySample, Sensor, Verdict, YawFusion
 
+PAGE = Path(__file__).parents[1] / "docs" / "figures" / "innovations.png"
 NAMES = {Sensor.GYRO: "gyro, rad/s", Sensor.TRACKS: "tracks, rad", Sensor.COMPASS: "compass, rad"}
 RANGES = {Sensor.GYRO: 0.1, Sensor.TRACKS: 0.6, Sensor.COMPASS: 0.02}
 
@@ -45,12 +46,12 @@ def draw_innovations(axes, found, sensor):
 
 def main():
     """Write the picture."""
-    healthy = robot_drive(0, seconds=40.0)
-    sick = healthy.changed(lambda s: replace(s, yaw_rate=s.yaw_rate + 0.3), GyroSample, 26.0)
-    sick = sick.changed(lambda s: replace(s, yaw_rate=0.0, yaw=0.5), OdometrySample, 10.0, 20.0)
+    sound = robot_drive(0, seconds=40.0)
+    faulty = sound.changed(lambda s: replace(s, yaw_rate=s.yaw_rate + 0.3), GyroSample, 26.0)
+    faulty = faulty.changed(lambda s: replace(s, yaw_rate=0.0, yaw=0.5), OdometrySample, 10.0, 20.0)
     figure, axes = plt.subplots(4, 2, figsize=(9.0, 7.0), sharex=True, sharey="row")
-    titles = "healthy", "sick: tracks stuck 10..20 s, gyro bias jumps at 26 s"
-    for column, (drive, title) in enumerate(zip((healthy, sick), titles, strict=True)):
+    titles = "no fault", "two faults: tracks stuck 10..20 s, gyro bias jumps at 26 s"
+    for column, (drive, title) in enumerate(zip((sound, faulty), titles, strict=True)):
         found, errors = reports(drive)
         for row, sensor in enumerate(Sensor):
             draw_innovations(axes[row, column], found[sensor], sensor)
@@ -62,7 +63,7 @@ def main():
         axes[3, column].set_xlabel("s")
     axes[3, 0].set_ylabel("yaw error, deg")
     figure.tight_layout()
-    path = Path(sys.argv[1] if len(sys.argv) > 1 else Path(__file__).parent.parent / "fusion" / "innovations.png")
+    path = Path(sys.argv[1] if len(sys.argv) > 1 else PAGE)
     figure.savefig(path, dpi=80)
     print(path)
 

@@ -113,7 +113,7 @@ def test_best_single_sensor_is_the_compass_as_it_is_published():
     sources = {"best": summary(0.1, 0.2), COMPASS: summary(0.1, 0.5), GYRO: summary(3.0, 2.0), FUSED: summary(0.1, 0.4)}
     (fused,) = verdict_lines({"a": sources}, "best")
     assert "below 1 in 1 of 1, 0.80 at worst in a" in fused
-    assert "told when its images were exposed: below 1 in 0 of 1, 2.00 at worst in a" in fused
+    assert "informed when its images were exposed, and fused not: below 1 in 0 of 1, 2.00 at worst in a" in fused
 
 
 class LateImages:

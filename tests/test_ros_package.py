@@ -60,10 +60,11 @@ def test_manifest_names_every_import_of_the_package():
     assert not missing, f"package.xml lacks exec_depend for {sorted(missing)}"
 
 
-def test_manifest_agrees_with_the_distribution():
+def test_manifest_and_citation_agree_with_the_distribution():
     project = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
     version = re.search(r'^version = "(.+)"$', project, re.MULTILINE).group(1)
     assert manifest().findtext("version") == version
+    assert re.search(r"^version: (.+)$", (ROOT / "CITATION.cff").read_text(), re.MULTILINE).group(1) == version
     assert manifest().findtext("name") == "visual_compass"
     assert (ROOT / "resource" / "visual_compass").exists()
     for name in re.findall(r'^    "([a-zA-Z_-]+)>=', project.split("[project.optional")[0], re.MULTILINE):
@@ -146,3 +147,25 @@ def test_plot_layout_shows_topics_that_the_node_has(name):
     topics = {value for name, value in TopicSettings().to_dict().items() if name.endswith("_topic")}
     assert {topic for topic in topics for value in shown if value.startswith(topic)} == topics
     assert all(any(value.startswith(topic) for topic in topics) for value in shown)
+
+
+def test_licence_is_the_same_everywhere():
+    licence = manifest().findtext("license")
+    assert f'license="{licence}"' in (ROOT / "setup.py").read_text(encoding="utf-8")
+    assert f"license: {licence}\n" in (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+
+
+def test_every_package_of_the_distribution_is_typed():
+    """mypy takes a package's annotations only where it finds the marker, which has to be among the package's data."""
+    project = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
+    listed = re.findall(r'"([a-z.]+)"', re.search(r"^packages = \[(.+)\]$", project, re.MULTILINE).group(1))
+    assert {name.split(".")[0] for name in listed} == {"compass", "fusion", "nodes"}
+    for name in {name.split(".")[0] for name in listed}:
+        assert f'{name} = ["py.typed"]' in project
+        assert (ROOT / name / "py.typed").exists()
+
+
+def test_version_is_said_by_the_package():
+    import compass
+
+    assert re.fullmatch(r"\d+(\.\d+)*(\+unknown)?", compass.__version__)

@@ -25,7 +25,7 @@ _PATH = click.Path(path_type=Path)
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(package_name="visual-compass")
-@click.option("-v", "--verbose", is_flag=True, help="Tell what is being done.")
+@click.option("-v", "--verbose", is_flag=True, help="Say what is being done.")
 def cli(verbose: bool) -> None:
     """Yaw of a tracked robot from a 360-degree camera, a gyro and track odometry."""
     logging.basicConfig(level=logging.INFO if verbose else logging.WARNING, format="%(message)s", stream=sys.stderr)
@@ -48,7 +48,7 @@ def _topic_options(command: Command) -> Command:
 @click.argument("bag", type=_PATH)
 @click.option("--out", type=_PATH, metavar="DIR", help="Folder for the results  [default: ./<bag>_yaw]")
 @click.option("--config", type=_PATH, metavar="YAML", help="Parameters in ROS form; see config/visual_compass.yaml.")
-@click.option("--smooth", is_flag=True, help="Add the yaw that knows the future, too.")
+@click.option("--smooth", is_flag=True, help="Add the fixed-interval (RTS) smoother.")
 @_topic_options
 def fuse(
     bag: Path,
@@ -116,6 +116,8 @@ def simulate(experiment: str | None, out: Path | None, seed: int, config: Path |
     help="held-out: where no constant was chosen; tuned: each experiment's own place; all; or one held-out place.",
 )
 @click.option("--json", "json_file", type=_PATH, metavar="FILE", help="Write every outcome as JSON.")
+@click.option("--markdown", "markdown_file", type=_PATH, metavar="FILE", help="Write the accuracy section of a file.")
+@click.option("--headline", "headline_file", type=_PATH, metavar="FILE", help="Write six lines of results into a file.")
 @click.option(
     "--metric",
     type=click.Choice(["all", "final", "rms", "worst", "per_m", "per_turn"]),
@@ -123,7 +125,7 @@ def simulate(experiment: str | None, out: Path | None, seed: int, config: Path |
     show_default=True,
     help="All in a long table, or one in a short.",
 )
-@click.option("--smooth", is_flag=True, help="Score the yaw that knows the future, too.")
+@click.option("--smooth", is_flag=True, help="Score the fixed-interval (RTS) smoother, too.")
 @click.option(
     "--method",
     "methods",
@@ -142,6 +144,8 @@ def evaluate(
     seeds: int,
     worlds: str,
     json_file: Path | None,
+    markdown_file: Path | None,
+    headline_file: Path | None,
     metric: str,
     smooth: bool,
     methods: tuple[str, ...],
@@ -155,16 +159,29 @@ def evaluate(
 ) -> None:
     """Score every compass, each sensor and the fused yaw.
 
-    WHAT are names of experiments and bags with ground truth; without, all experiments. On experiments the compass's
-    methods are told when images were exposed; "raw compass", what is published, goes by their stamps, as fused does.
+    WHAT are names of experiments, bags with ground truth, and files of an earlier --json; without, all experiments. On
+    experiments the compass's methods are informed when images were exposed; "raw compass", what is published, goes by
+    their stamps, as fused does.
     """
     from fusion.offline.evaluation import run_evaluation
     from fusion.offline.topics import TopicRequest
     from fusion.settings import load_settings
 
-    request = TopicRequest(image, gyro, odometry, truth)
-    settings = load_settings(config)
-    text = run_evaluation(what, seeds, settings, request, metric, json_file, workers, smooth, worlds, methods, yaws)
+    text = run_evaluation(
+        what,
+        seeds,
+        load_settings(config),
+        TopicRequest(image, gyro, odometry, truth),
+        metric,
+        workers=workers,
+        smooth=smooth,
+        worlds=worlds,
+        methods=methods,
+        yaws=yaws,
+        json_file=json_file,
+        markdown_file=markdown_file,
+        headline_file=headline_file,
+    )
     click.echo(text)
 
 

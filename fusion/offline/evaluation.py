@@ -10,14 +10,26 @@ from pathlib import Path
 
 from compass.errors import VisualCompassError
 from compass.methods import find_method
+from fusion.offline.accuracy import HEADLINES, SECTION, accuracy_section, headline_section
 from fusion.offline.bag import BagError
 from fusion.offline.console import table
 from fusion.offline.evaluate import Outcome, evaluate_bag, evaluate_experiments
 from fusion.offline.foreign import read_yaws
+from fusion.offline.gps import Drift
+from fusion.offline.markdown import write_section
 from fusion.offline.staging import staged_file
 from fusion.offline.summary import warning_lines
 from fusion.offline.topics import TopicRequest
-from fusion.offline.verdicts import as_json, drift_table, full_table, short_table, summarise_outcomes, verdict_lines
+from fusion.offline.verdicts import (
+    SavedEvaluation,
+    as_json,
+    drift_table,
+    from_json,
+    full_table,
+    short_table,
+    summarise_outcomes,
+    verdict_lines,
+)
 from fusion.settings import Settings
 from fusion.simulation import EXPERIMENTS
 from fusion.simulation.experiments import find_experiment
@@ -38,23 +50,33 @@ def run_evaluation(
     worlds: str = HELD_OUT_WORLDS,
     methods: Sequence[str] = (),
     yaws: Sequence[Path] = (),
+    markdown_file: Path | None = None,
+    headline_file: Path | None = None,
 ) -> str:
     """Evaluate experiments and bags; give the table and the verdicts.
 
     Parameters
     ----------
+    what : sequence of str
+        Names of experiments, bags with ground truth, and files that `json_file` wrote before.
     methods : sequence of str
         Further methods of the compass, ``"module:function"``.
     yaws : sequence of Path
         TUM files of somebody else's yaw, scored beside ours on the bag.
+    markdown_file : Path or None
+        Whose accuracy section to write.
+    headline_file : Path or None
+        Whose section of six lines on the simulated drives to write.
 
     Raises
     ------
     VisualCompassError
-        An experiment or a world is unknown, or a bag cannot be used.
+        An experiment or a world is unknown, or a bag or a file cannot be used.
     """
-    bags = [Path(name) for name in what if name not in EXPERIMENTS and Path(name).exists()]
-    names = [find_experiment(name).name for name in what if Path(name) not in bags]
+    files = [Path(name) for name in what if name not in EXPERIMENTS and Path(name).exists()]
+    saved = [_read_saved(path) for path in files if path.suffix == ".json"]
+    bags = [path for path in files if path.suffix != ".json"]
+    names = [find_experiment(name).name for name in what if Path(name) not in files]
     if not what:
         names = list(EXPERIMENTS)
     for name in methods:
@@ -62,16 +84,21 @@ def run_evaluation(
     foreign = read_yaws(yaws)
     if foreign and len(bags) != 1:
         raise VisualCompassError(f"--yaw belongs to one bag, and {len(bags)} are given; name the one it was driven in")
-    default = settings.compass.method
+    default = saved[0].default if saved else settings.compass.method
     outcomes: list[Outcome] = []
     parts: list[str] = []
     for kind in ((TUNED_WORLDS, HELD_OUT_WORLDS) if worlds == ALL_WORLDS else (worlds,)) if names else ():
         found = evaluate_experiments(names, seeds, settings, workers or os.cpu_count() or 1, smooth, kind, methods)
         parts += _tables(found, default, metric, f"{seeds} seed{'s' if seeds > 1 else ''}, {kind} worlds")
         outcomes += found
-    if names:
-        parts.append(world_table(outcomes))
-    drifts, warnings = {}, {}
+    drifts: dict[str, dict[str, Drift]] = {}
+    warnings = {}
+    for path, one in zip((path for path in files if path.suffix == ".json"), saved, strict=True):
+        parts += _tables(one.outcomes, default, metric, str(path)) if one.outcomes else []
+        outcomes += one.outcomes
+        drifts |= one.drifts
+    if any(one.world for one in outcomes):
+        parts.append(world_table([one for one in outcomes if one.world]))
     for bag in bags:
         scored = evaluate_bag(bag, settings, request, smooth, methods, foreign)
         if not scored.outcomes and not scored.drifts:
@@ -83,11 +110,22 @@ def run_evaluation(
         with staged_file(json_file) as staged:
             content = as_json(outcomes, summarise_outcomes(outcomes), drifts, default) | {"warnings": warnings}
             staged.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+    if markdown_file is not None:
+        write_section(markdown_file, SECTION, accuracy_section(outcomes, drifts, default))
+    if headline_file is not None:
+        write_section(headline_file, HEADLINES, headline_section(outcomes))
     parts += [drift_table(bag, drift, default) for bag, drift in drifts.items() if drift]
     parts += [
         "\n".join((bag, *warning_lines(wrong, "the summary.json of fuse"))) for bag, wrong in warnings.items() if wrong
     ]
     return "\n\n".join(part for part in parts if part)
+
+
+def _read_saved(path: Path) -> SavedEvaluation:
+    try:
+        return from_json(json.loads(path.read_text(encoding="utf-8")))
+    except (OSError, ValueError) as error:  # also what is no JSON, and no UTF-8
+        raise VisualCompassError(f"{path}: {error}; give a file that evaluate --json wrote") from error
 
 
 def _tables(outcomes: Sequence[Outcome], default: str, metric: str, what: str) -> list[str]:

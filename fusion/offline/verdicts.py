@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from fusion.offline.console import table
-from fusion.offline.evaluate import PAPER, Outcome
+from fusion.offline.evaluate import PAPER, Honesty, Outcome
 from fusion.offline.gps import Drift
-from fusion.offline.scores import COMPASS, FUSED, GYRO, SMOOTHED, TRACKS
+from fusion.offline.scores import COMPASS, FUSED, GYRO, SMOOTHED, TRACKS, Score
 from fusion.simulation import EXPERIMENTS
 
 NEGLIGIBLE = 0.01  # deg RMS; of single sensors better than this nobody needs to be told that fusion is no better
@@ -138,6 +138,7 @@ def verdict_lines(summaries: dict[str, dict[str, Summary]], default: str) -> lis
             _paper_line(summaries, default),
             _fused_line(summaries, default),
             _honesty_line(summaries, default),
+            _honesty_line(summaries, FUSED),
         )
         if line
     ]
@@ -159,8 +160,8 @@ def _paper_line(summaries: dict[str, dict[str, Summary]], default: str) -> str:
 
 
 def _fused_line(summaries: dict[str, dict[str, Summary]], default: str) -> str:
-    published, told = _over_best_single(summaries, COMPASS), _over_best_single(summaries, default)
-    ratios = published or told
+    published, informed = _over_best_single(summaries, COMPASS), _over_best_single(summaries, default)
+    ratios = published or informed
     if not ratios:
         return ""
     line = (
@@ -171,8 +172,8 @@ def _fused_line(summaries: dict[str, dict[str, Summary]], default: str) -> str:
     if mixed:
         worst = max(mixed, key=mixed.__getitem__)
         line += f"; mixed drives {_median(mixed):.2f} in the median, {mixed[worst]:.2f} at worst in {worst}"
-    if published and told:
-        line += f"; were the compass alone told when its images were exposed: {_below_one(told)}"
+    if published and informed:
+        line += f"; with the compass informed when its images were exposed, and fused not: {_below_one(informed)}"
     return line
 
 
@@ -192,14 +193,14 @@ def _below_one(ratios: dict[str, float]) -> str:
     return f"below 1 in {better} of {len(ratios)}, {ratios[worst]:.2f} at worst in {worst}"
 
 
-def _honesty_line(summaries: dict[str, dict[str, Summary]], default: str) -> str:
-    ratios = {drive: found[default].honesty for drive, found in summaries.items() if default in found}
+def _honesty_line(summaries: dict[str, dict[str, Summary]], source: str) -> str:
+    ratios = {drive: found[source].honesty for drive, found in summaries.items() if source in found}
     ratios = {drive: ratio for drive, ratio in ratios.items() if math.isfinite(ratio)}
     if not ratios:
         return ""
     low, high = min(ratios, key=ratios.__getitem__), max(ratios, key=ratios.__getitem__)
     return (
-        f"squared error over variance of {default}: {np.mean(list(ratios.values())):.2f} on average,"
+        f"squared error over variance of {source}: {np.mean(list(ratios.values())):.2f} on average,"
         f" from {ratios[low]:.2f} in {low} to {ratios[high]:.2f} in {high}"
     )
 
@@ -210,8 +211,14 @@ def _median(values: dict[str, float]) -> float:
 
 def drift_table(bag: str, drifts: Mapping[str, Drift], default: str) -> str:
     """Drift of every source against the GPS course."""
+    shown = table(("source", "deg/min", "95 %"), drift_rows(drifts, default))
+    return f"{bag}: drift against the GPS course\n{shown}"
+
+
+def drift_rows(drifts: Mapping[str, Drift], default: str) -> list[list[str]]:
+    """Source, drift in deg/min and its 95 % interval."""
     per_minute = 60.0 * math.degrees(1.0)
-    rows = [
+    return [
         [
             _label(name, default),
             f"{per_minute * one.slope:+.2f}",
@@ -219,7 +226,6 @@ def drift_table(bag: str, drifts: Mapping[str, Drift], default: str) -> str:
         ]
         for name, one in drifts.items()
     ]
-    return f"{bag}: drift against the GPS course\n{table(('source', 'deg/min', '95 %'), rows)}"
 
 
 def as_json(
@@ -247,3 +253,35 @@ def _finite(value: Any) -> Any:
     if isinstance(value, list):
         return [_finite(inner) for inner in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+@dataclass(frozen=True, slots=True)
+class SavedEvaluation:
+    """What a file of `as_json` holds."""
+
+    outcomes: list[Outcome]
+    drifts: dict[str, dict[str, Drift]]
+    default: str
+
+
+def from_json(content: Any) -> SavedEvaluation:
+    """What `as_json` was given.
+
+    Raises
+    ------
+    ValueError
+        The content is not what `as_json` gives.
+    """
+    try:
+        outcomes = [_outcome(one) for one in content["outcomes_rad"]]
+        drifts = {b: {name: Drift(**one) for name, one in f.items()} for b, f in content["drifts_rad_s"].items()}
+        return SavedEvaluation(outcomes, drifts, str(content["default_method"]))
+    except (AttributeError, KeyError, TypeError) as error:
+        raise ValueError(f"no outcomes of an evaluation: {error!r}") from error
+
+
+def _outcome(fields: Mapping[str, Any]) -> Outcome:
+    """An outcome from its fields; what is null was NaN."""
+    numbers = {name: math.nan if fields[name] is None else fields[name] for name in ("distance", "turns", "given")}
+    honesty = fields["honesty"] and Honesty(**fields["honesty"])
+    return Outcome(**{**fields, **numbers, "score": Score(**fields["score"]), "honesty": honesty})

@@ -2,20 +2,24 @@
 
 A drive with gyro at 200 Hz, odometry at 50 Hz and increments at 30 Hz, fused in the order of the stamps; then again
 with every tenth increment late by some time. A late one replays what followed it: its cost grows with how late it is
-and is bounded by `lag_window`, as older ones are refused. Processor time, best of three.
+and is bounded by `lag_window`, as older ones are refused. Processor time, best of three. `--markdown FILE` writes
+the section of that file as well.
 """
 
 from __future__ import annotations
 
+import argparse
 import math
 import time
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
 from compass import YawIncrement
 from fusion import FusionConfig, GyroSample, OdometrySample, YawFusion
 from fusion.events import Sample
+from fusion.offline.markdown import markdown_table, write_section
 
 SECONDS = 8.0
 LATENESS = (0.1, 0.3, 1.0)  # s
@@ -71,18 +75,33 @@ def costs(arrivals: list[tuple[Sample, bool]]) -> Costs:
 
 def main() -> None:
     """Print the costs."""
+    arguments = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    arguments.add_argument("--markdown", type=Path, help="write the section of this file, too")
+    page = arguments.parse_args().markdown
     samples = drive()
     plain = min((costs([(sample, False) for sample in samples]) for _ in range(3)), key=lambda c: c.in_order)
-    rate = len(samples) / SECONDS
+    rate, share = len(samples) / SECONDS, 100 * plain.in_order * len(samples) / SECONDS
     print(f"gyro 200 Hz, odometry 50 Hz, images 30 Hz: {rate:.0f} samples a second")
-    print(f"a sample in order         {1e3 * plain.in_order:8.2f} ms   {100 * plain.in_order * rate:.0f} % of a core")
+    print(f"a sample in order         {1e3 * plain.in_order:8.2f} ms   {share:.0f} % of a core")
+    rows = []
     for late in LATENESS:
         found = min((costs(with_late_increments(samples, late)) for _ in range(3)), key=lambda c: c.late)
-        replayed = found.late / plain.in_order
+        replayed, aim = found.late / plain.in_order, 1.5 * late * rate + 20
         print(
             f"an image late by {late:3.1f} s    {1e3 * found.late:7.2f} ms   worst {1e3 * found.worst:.1f} ms"
-            f"   as {replayed:.0f} samples in order   aim: at most {1.5 * late * rate + 20:.0f}"
+            f"   as {replayed:.0f} samples in order   aim: at most {aim:.0f}"
         )
+        worst = found.worst / plain.in_order
+        rows.append((f"{late:g} s", f"{late * rate:.0f}", f"{replayed:.0f}", f"{worst:.0f}", f"{aim:.0f}"))
+    if page:
+        text = f"""## Cost of a late image
+
+Gyro at 200 Hz, odometry at 50 Hz, increments at 30 Hz: {rate:.0f} samples a second, in order of their stamps
+{share:.0f} % of a core. An increment that is late replays what followed it. Processor time of a late increment as a
+multiple of a sample in order, of one run.
+
+{markdown_table(("late by", "samples replayed", "mean", "dearest", "aim of the mean"), rows)}"""
+        write_section(page, "late images", text)
 
 
 if __name__ == "__main__":
