@@ -336,12 +336,13 @@ class YawFilter:
             # the reference was never seen: place it where this increment says, so that those to come can use it
             state.references_lost += 1
             slot = self._remember(state, event.sample.t_ref_ns, reference=True)
-        self._allow_for_refused_gyro(state, event.t_ns)
         increment = self._levelled(event.sample, state.clones[slot])
         began_ns = state.turns.start_ns
         moved = not increment.far and self._comparison.take_turn(state, increment, slot if known else None)
         if moved and began_ns is not None:  # yaws of the window that was taken back, or of the one before, are wrong
             state.clones = state.clones.until(began_ns - WINDOW_NS, but=slot)
+        elif not moved:
+            self._allow_for_refused_gyro(state, event.t_ns)
         state.clones = state.clones.used(slot, event.t_ns)
         image = self._remember(state, event.t_ns, reference=False)
         if increment.far:
@@ -369,8 +370,8 @@ class YawFilter:
     def _allow_for_refused_gyro(self, state: FilterState, t_ns: int) -> None:
         """Let the yaw have gone on as the gyro's last sample says, if it was refused: the next one will tell."""
         gate = state.gates[Sensor.GYRO]
-        if gate.report and gate.accepted_ns and gate.rejecting_since_ns == gate.report.t_ns:
-            seconds = (t_ns - gate.accepted_ns) * 1e-9
+        if gate.report and gate.rejecting_since_ns == gate.report.t_ns and state.hears(Sensor.GYRO):
+            seconds = (t_ns - (gate.accepted_ns or t_ns)) * 1e-9
             self._ekf.widen(State.YAW, (gate.report.innovation * seconds) ** 2)
 
     @staticmethod
