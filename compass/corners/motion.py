@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from compass.corners.points import SECTORS, Floats, sectors_of
+from compass.corners.points import SECTORS, Floats
+from compass.corners.rays import Index
 from compass.corners.solve import CLIMB, DIRECTION, YAW, Fit, Problem, Start, ascend, even_shares
-from compass.corners.track import Tracks
 
 DIRECTIONS = 6  # of travel that are tried where none is known: a basin of attraction is wider than 60 deg
 AGREE = 0.9  # of the corners must be inliers for a motion to be taken without trying others, a turn without travel, too
@@ -75,19 +75,21 @@ class Motion:
         states[:, CLIMB] = 0.0
         starts = Start(states, np.repeat(even_shares(), DIRECTIONS, axis=0), np.repeat(turned.noise, DIRECTIONS))
         trials = ascend(problem, starts, extra)
-        best = int(trials.log_posterior.argmax())
-        fit = ascend(problem, trials.only(best), NEXT_PX * per_column)
+        fit = ascend(problem, trials.only(trials.best), NEXT_PX * per_column)
         if continued is not None and continued.log_posterior[0] > fit.log_posterior[0]:
             fit = continued
-        fit.doubt = doubt(trials, fit)
+        fit.doubt = doubt(trials.states[:, YAW], trials.log_posterior, fit)
         self.travels = bool(fit.log_posterior[0] > turned.log_posterior[0])
         return fit if self.travels else turned
 
 
-def doubt(trials: Fit, fit: Fit) -> float:
-    """Variance of a yaw that, as the odds of what was tried are, could be another one, rad^2."""
-    odds = np.exp(INDEPENDENT * np.minimum(trials.log_posterior - fit.log_posterior[0], 0.0))
-    apart = trials.states[:, YAW] - fit.states[0, YAW]
+def doubt(yaw: Floats, log_posterior: Floats, fit: Fit) -> float:
+    """Variance of a yaw that, as the odds of what was tried are, could be another one, rad^2.
+
+    `yaw` (rad) and `log_posterior` are (k,) of what was tried.
+    """
+    odds = np.exp(INDEPENDENT * np.minimum(log_posterior - fit.log_posterior[0], 0.0))
+    apart = (yaw - fit.states[0, YAW] + math.pi) % math.tau - math.pi
     return float(odds @ apart**2 / (1.0 + odds.sum()))
 
 
@@ -105,14 +107,13 @@ def parallax_score(turned: Fit, problem: Problem) -> float:
     return float((score / expected).max())
 
 
-def yaw_variance(fit: Fit, tracks: Tracks, travels: bool) -> float:
+def yaw_variance(fit: Fit, sector: Index, travels: bool) -> float:
     """Variance of the yaw, rad^2: neighbours err together, so that sectors of the circle are what is independent.
 
     The sandwich estimator for clusters (Liang & Zeger 1986, doi:10.1093/biomet/73.1.13).
     """
     used = 5 if travels else 3
     covariance = np.linalg.inv(fit.precision[0, :used, :used])
-    sector = sectors_of(tracks.at, tracks.columns)
     scores: Floats = np.stack([np.bincount(sector, row, SECTORS) for row in fit.slopes[0, :used]])
     sandwich = covariance @ (scores @ scores.T) @ covariance
     clusters = np.unique(sector).size
