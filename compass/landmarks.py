@@ -21,9 +21,10 @@ from compass.angles import wrap_angle
 from compass.corners.motion import DIRECTIONS, FIRST_PX, NEXT_PX, doubt, yaw_variance
 from compass.corners.picture import MARGIN, Picture
 from compass.corners.points import sectors_of
-from compass.corners.prior import DISAGREE, LOCK_PX, precision_of, tilt_error, told_tilt
+from compass.corners.prior import DISAGREE, FEWEST, LOCK_PX, precision_of, tilt_error, told_tilt
 from compass.corners.rays import Projection, Tangents
 from compass.corners.solve import DIRECTION, ROTATION, YAW, Fit, Problem, Start, ascend, even_shares
+from compass.corners.track import ALIKE
 from compass.correlation import Floats
 from compass.increment import CompassStatus
 from compass.match import Match, Search
@@ -35,17 +36,15 @@ Indices = npt.NDArray[np.intp]
 CORNERS, EDGE, LEVELS = 1000, 15, 5  # of ORB: half a patch from the edge suffices, larger corners err
 SMALLEST = 32  # rows and columns: a corner's surroundings
 RATIO = 0.8  # of the distance to the second nearest descriptor (Lowe 2004); nearer ones are no match
-FEWEST = 16  # matches; fewer are no evidence
 ORB_PX = 1.0  # deviation of a corner as ORB has it, but for a factor that the corners tell
 WIDER = 8.0  # times as far as between neighbours do corners move in some seconds: parallaxes, outliers, first rounds
-ALIGNED = 400  # corners, at most
-LIKE = 0.85  # correlation of a corner with itself, at least
 ASTRAY_PX = 4.0  # from where it was; no corner is aligned over more
 EVIDENCE = 80.0  # nats by which the matches must surpass chance; unrelated pairs, 1,000 of them, reach 40
 RIVALS = 600  # pairs that look alike, but do not move as found, among which another answer is looked for
 RIVALRY = 100.0  # nats for that which are too many; so is
 RELATIVE = 0.5  # so much of the first answer's
-VAGUE = math.radians(3.0)  # a deviation beyond it is no answer
+# rad, a deviation beyond which it is no answer: without it 4 deg off at a claimed half in one of 15 pairs in fog
+VAGUE = math.radians(3.0)
 NOTHING = Match(0.0, math.inf, 0.0, CompassStatus.LOW_CONFIDENCE)
 
 
@@ -99,7 +98,7 @@ class Views:
             self.before.picture.soft, self.after.picture.soft, one + margin, other + margin
         )
         found -= margin
-        kept = (likeness > LIKE) & (np.hypot(*(found - other).T) < ASTRAY_PX)
+        kept = (likeness > ALIKE) & (np.hypot(*(found - other).T) < ASTRAY_PX)
         return self._corners(one[kept], found[kept], covariance[kept][:, [0, 0, 1], [0, 1, 1]])
 
     def _corners(self, one: Floats, other: Floats, covariance: Floats) -> Corners:
@@ -203,7 +202,7 @@ def match_landmarks(reference: Strip, current: Strip, search: Search) -> Match:
 def _sharpened(views: Views, pairs: Indices, rough: Fit, mean: Floats, yaw_sigma: float = math.inf) -> Match | None:
     """What corners that are inliers of the likeliest motion say once they are aligned; None where too few are alike."""
     inlier = rough.inlier[rough.best] > 0.5
-    corners = views.aligned(pairs[inlier][:ALIGNED])
+    corners = views.aligned(pairs[inlier])
     if len(corners.at) < FEWEST:
         return None
     px, count = corners.per_column, len(rough.states)

@@ -15,7 +15,7 @@ from compass.coarse import CoarseShift, coarse_shift, quantile
 from compass.corners.motion import AGREE, Motion, yaw_variance
 from compass.corners.picture import HALF, Picture
 from compass.corners.points import Floats, Patches, cut_patches, find_corners, sectors_of
-from compass.corners.prior import DISAGREE, LEVEL, LOCK_PX, precision_of, tilt_error, told_tilt
+from compass.corners.prior import DISAGREE, FEWEST, LEVEL, LOCK_PX, precision_of, tilt_error, told_tilt
 from compass.corners.rays import Projection, Tangents, undo
 from compass.corners.solve import CLIMB, DIRECTION, ROTATION, YAW, Fit, Problem
 from compass.corners.track import Tracks, track
@@ -28,12 +28,11 @@ from compass.turn import pooled_turn, turn_variance
 
 NARROWEST = 256  # columns; with fewer a patch is larger than what it shows
 LOWEST = 4 * HALF  # rows
-FEWEST = 24  # corners that have to be found again, and to be inliers: five for each of a motion's unknowns
 # Of the circle without any corner. What is seen on one side only turns by as much as it is passed: of nine tuned drives
 # whose corners were left out over 0.63 of it error^2/variance is 640, over a half 5.4, over 0.38 1.7, over 0.22 1.05.
 GAP = 0.4
 UNRELATED_PX = 0.18  # a deviation beyond it: no motion explains the corners, they show another place
-MOST = 0.5  # of a keyframe's corners; with fewer inliers other starts are tried
+MOST = 0.5  # of a keyframe's corners: where more are inliers of one motion, no other motion has as many
 STEADY = 2.0  # pixels from image to image; corners that move by less are expected to go on so
 
 

@@ -15,6 +15,7 @@ CLIMB_SIGMA = math.radians(4.0)  # of the direction of travel against the camera
 LEAN_SIGMA, UNKNOWN_LEAN = 0.01, 0.045  # rad, error of how the camera leans, with an IMU and without
 LOCK_PX = 0.012  # by which corners that all move by the same part of a column err: photographs of a city and a forest
 DISAGREE = 3.0  # deviations by which two answers to one question may differ
+FEWEST = 24  # corners that have to be found again, and to be inliers: five for each of a motion's unknowns
 LEVEL = (0.0, 0.0)  # no tilt
 
 
