@@ -205,7 +205,9 @@ def _pure_turn(key: Keyframe, fit: Fit, current: Strip, match: Match) -> Match |
     peak, spectrum = pooled_turn(reference, current, match.shift_px)
     if peak.curvature >= 0.0:  # pixels that were doubled have no maximum half a column off
         return None
-    shift, variance = float(signed(peak.shift_px, reference.columns)), turn_variance(peak, spectrum, reference)
+    # what moves corners by more than their patches know of moves all rows, too
+    variance = turn_variance(peak, spectrum, reference) * max(float(fit.noise[0]), 1.0)
+    shift = float(signed(peak.shift_px, reference.columns))
     apart = float(signed(shift - match.shift_px, reference.columns))
     # the edges of a mask stay where they are, and what has moved between, corners do without
     if variance > match.variance_px2 or apart**2 > DISAGREE**2 * (variance + match.variance_px2):
