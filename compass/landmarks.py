@@ -1,45 +1,51 @@
-"""The place found again after a gap: by corners that the last good view and this one both show.
+"""The turn between two views that are seconds and metres apart, by corners that both show.
 
-While the light failed, or the camera, the robot has turned by any angle and gone some metres. What `parallax` follows
-from image to image is lost then, but corners can be told apart from afar. A turn is believed if the motion found obeys
-far more of them than the same corners with their partners shuffled, and if no other turn is obeyed by corners that look
-alike: a corridor may look the same ahead and behind.
+ORB corners tell which is which; the motion that explains their ways is found as between neighbours (`compass.corners`),
+then once more from where their surroundings are to hundredths of a pixel. Where the turn is not known, a view is
+believed to show the same place only if the corners say so far better than chance would, and if those that look alike
+say nothing else: a corridor may look the same ahead and behind.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import cached_property, lru_cache
-from typing import Any
+import math
+from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
 from compass.alignment import align
+from compass.angles import wrap_angle
+from compass.corners.motion import DIRECTIONS, FIRST_PX, NEXT_PX, doubt, yaw_variance
+from compass.corners.picture import MARGIN, Picture
+from compass.corners.points import sectors_of
+from compass.corners.prior import DISAGREE, FEWEST, LOCK_PX, precision_of, tilt_error, told_tilt
+from compass.corners.rays import Projection, Tangents
+from compass.corners.solve import DIRECTION, ROTATION, YAW, Fit, Problem, Start, ascend, even_shares
+from compass.corners.track import ALIKE
 from compass.correlation import Floats
 from compass.increment import CompassStatus
 from compass.match import Match, Search
-from compass.strip import Pixels, Strip
-from compass.two_views import NEAR, Motion, evidence, find_motion, follow_motion, misses, sharpen_motion
+from compass.strip import Strip
+from compass.two_views import NEAR, Motion, evidence, find_motion, misses
 
 Indices = npt.NDArray[np.intp]
 
-DETECTOR = (1000, 1.2, 5, 15, 0, 2, cv2.ORB_HARRIS_SCORE, 31, 8)  # so many corners of five sizes; larger ones err
+CORNERS, EDGE, LEVELS = 1000, 15, 5  # of ORB: half a patch from the edge suffices, larger corners err
 SMALLEST = 32  # rows and columns: a corner's surroundings
-PAD = 40  # columns repeated beyond the seam: half a corner's surroundings at the largest size
-RATIO = 0.8  # of the distance to the second nearest descriptor; nearer ones are no match
-FEWEST = 16  # matches; fewer are no evidence
+RATIO = 0.8  # of the distance to the second nearest descriptor (Lowe 2004); nearer ones are no match
+ORB_PX = 1.0  # deviation of a corner as ORB has it, but for a factor that the corners tell
+WIDER = 8.0  # times as far as between neighbours do corners move in some seconds: parallaxes, outliers, first rounds
+ASTRAY_PX = 4.0  # from where it was; no corner is aligned over more
 EVIDENCE = 80.0  # nats by which the matches must surpass chance; unrelated pairs, 1,000 of them, reach 40
 RIVALS = 600  # pairs that look alike, but do not move as found, among which another answer is looked for
 RIVALRY = 100.0  # nats for that which are too many; so is
 RELATIVE = 0.5  # so much of the first answer's
-VAGUE = np.deg2rad(3.0)  # a deviation beyond it is no answer
-SOFTNESS = 0.5  # pixels, of pictures in which corners are aligned
-ALIGNED = 400  # corners, at most
-LIKE = 0.85  # correlation of a corner with itself, at least
-NOTHING = Match(0.0, np.inf, 0.0, CompassStatus.LOW_CONFIDENCE)
-ASTRAY = 4.0  # pixels from where it was; no corner is aligned over more
+# rad, a deviation beyond which it is no answer: without it 4 deg off at a claimed half in one of 15 pairs in fog
+VAGUE = math.radians(3.0)
+NOTHING = Match(0.0, math.inf, 0.0, CompassStatus.LOW_CONFIDENCE)
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,139 +54,198 @@ class Landmarks:
 
     Attributes
     ----------
-    strip : Strip
+    picture : Picture
         The panorama.
-    forward_px : float
-        Its column that looks along +x.
     corners : (n, 2) array
         Columns and rows.
     descriptors : (n, 32) array of uint8
         What they look like.
     """
 
-    strip: Strip
-    forward_px: float
+    picture: Picture
     corners: Floats
     descriptors: npt.NDArray[np.uint8]
 
-    @cached_property
-    def picture(self) -> Pixels:
-        """(rows, columns + 2 * PAD) grey values, a little softened."""
-        grey = np.asarray(self.strip.pixels + self.strip.means, np.float32)
-        return np.asarray(cv2.GaussianBlur(_padded(grey), (0, 0), SOFTNESS), np.float32)
 
-    @cached_property
-    def bearings(self) -> Floats:
-        """(n, 3) unit vectors towards the corners."""
-        return self.towards(self.corners)
+@dataclass(frozen=True, eq=False)
+class Views:
+    """Two views, and what is known of the motion between them."""
 
-    def towards(self, corners: Floats) -> Floats:
-        """(n, 3) unit vectors towards (n, 2) columns and rows, x ahead, y left, z up."""
-        strip = self.strip
-        azimuth = -2.0 * np.pi * (corners[:, 0] + 0.5 - self.forward_px) / strip.columns
-        elevation = strip.top - (corners[:, 1] + 0.5) * strip.row_height
-        level = np.cos(elevation)
-        return np.stack([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)], axis=1)
+    before: Landmarks
+    after: Landmarks
+    projection: Projection
+
+    @staticmethod
+    def of(reference: Strip, current: Strip, search: Search) -> Views:
+        """Of two strips."""
+        return Views(landmarks_of(reference), landmarks_of(current), Projection.of(reference, search.forward_px))
+
+    def expected(self, turn: float) -> Floats:
+        """(5,) the motion that is expected with a turn, rad: tilted as an IMU tells."""
+        before, after = self.before.picture.strip, self.after.picture.strip
+        return np.array([turn, *told_tilt(before, after, turn), 0.0, 0.0])
+
+    def matched(self, pairs: Indices) -> Corners:
+        """Corners, (n, 2) pairs of indices, where ORB has them."""
+        one, other = self.before.corners[pairs[:, 0]], self.after.corners[pairs[:, 1]]
+        return self._corners(one, other, np.tile([ORB_PX**2, 0.0, ORB_PX**2], (len(pairs), 1)))
+
+    def aligned(self, pairs: Indices) -> Corners:
+        """The same found again to hundredths of a pixel, as far as they look alike."""
+        one, other = self.before.corners[pairs[:, 0]], self.after.corners[pairs[:, 1]]
+        margin = np.array([MARGIN, 0.0])
+        found, likeness, covariance = align(
+            self.before.picture.soft, self.after.picture.soft, one + margin, other + margin
+        )
+        found -= margin
+        kept = (likeness > ALIKE) & (np.hypot(*(found - other).T) < ASTRAY_PX)
+        return self._corners(one[kept], found[kept], covariance[kept][:, [0, 0, 1], [0, 1, 1]])
+
+    def _corners(self, one: Floats, other: Floats, covariance: Floats) -> Corners:
+        directions, tangents = self.projection.directions(other), Tangents.at(self.projection.directions(one))
+        noise = self.projection.covariance(directions, *covariance.T)
+        return Corners(tangents, directions, noise, other, self.projection.per_column)
+
+
+@dataclass(frozen=True, eq=False)
+class Corners:
+    """n corners that two views show.
+
+    Attributes
+    ----------
+    tangents : Tangents
+        At the directions in which they were seen before.
+    seen : (3, n) array
+        Directions in which they are seen after.
+    covariance : (2, n) complex array
+        See `Problem`.
+    at : (n, 2) array
+        Columns and rows after.
+    per_column : float
+        rad.
+    """
+
+    tangents: Tangents
+    seen: Floats
+    covariance: npt.NDArray[np.complexfloating]
+    at: Floats
+    per_column: float
+
+    def some(self, which: slice | Indices) -> Corners:
+        """Those of a slice or an index."""
+        index = np.arange(len(self.at))[which]
+        covariance = self.covariance[:, index]
+        return replace(
+            self, tangents=self.tangents.some(index), seen=self.seen[:, index], covariance=covariance, at=self.at[index]
+        )
+
+    def problem(self, start: Floats, mean: Floats, yaw_sigma: float = math.inf) -> Problem:
+        """How they have moved since `start`; what is known of the motion is `mean`, the yaw to `yaw_sigma` (rad)."""
+        prior = mean, precision_of(yaw_sigma)
+        return Problem.posed(self.tangents, self.seen, start, self.covariance, prior, WIDER * self.per_column)
+
+    def motions(self, mean: Floats, yaw_sigma: float = math.inf) -> Fit:
+        """Motions near `mean` that explain them, one of each of some directions of travel."""
+        return ascend(self.problem(mean, mean, yaw_sigma), _all_round(mean), FIRST_PX * WIDER * self.per_column)
+
+
+def _all_round(mean: Floats) -> Start:
+    """Directions of travel all round, with nothing known of the mixture."""
+    states = np.repeat(mean[None], DIRECTIONS, axis=0)
+    states[:, DIRECTION] = np.arange(DIRECTIONS) * math.tau / DIRECTIONS
+    return Start(states, np.repeat(even_shares(), DIRECTIONS, axis=0), np.ones(DIRECTIONS))
+
+
+def follow_landmarks(reference: Strip, current: Strip, search: Search) -> Match:
+    """Turn between two views up to some metres apart where it is about known; else LOW_CONFIDENCE.
+
+    Right to thousandths of a degree. What is known of the turn chooses among motions, and has no part in the answer.
+    The variance is that of the turn about the camera's own axis; the confidence is the share of matching corners that
+    are inliers.
+    """
+    views = Views.of(reference, current, search)
+    pairs = _matched(views.before, views.after)[0]
+    if len(pairs) < FEWEST:
+        return NOTHING
+    per_px = views.projection.per_column
+    mean, sigma = views.expected(search.expected_px * per_px), search.reach_px * per_px / DISAGREE
+    return _sharpened(views, pairs, views.matched(pairs).motions(mean, sigma), mean, sigma) or NOTHING
 
 
 def match_landmarks(reference: Strip, current: Strip, search: Search) -> Match:
     """Turn between two views of one place that are up to some metres apart; LOW_CONFIDENCE where it cannot be known.
 
-    The variance is that of the turn about the camera's own axis; the confidence is the share of matching corners that
-    obey the motion found.
+    As `follow_landmarks`, but whatever the turn.
     """
-    before, after = (landmarks_of(strip, search.forward_px) for strip in (reference, current))
-    matched, alike = _matched(before, after)
-    if len(matched) < FEWEST:
+    views = Views.of(reference, current, search)
+    pairs, alike = _matched(views.before, views.after)
+    if len(pairs) < FEWEST:
         return NOTHING
-    seen, again = before.bearings[matched[:, 0]], after.bearings[matched[:, 1]]
+    corners = views.matched(pairs)
+    seen, again = corners.tangents.ahead.T, corners.seen.T
     motion = find_motion(seen, again)
-    nats = evidence(motion, seen, again)[1]
-    if nats < EVIDENCE or motion.variance > VAGUE**2 or _rivalled(motion, nats, before, after, alike):
+    nats = evidence(motion, seen, again)
+    if nats < EVIDENCE or motion.variance > VAGUE**2 or _rivalled(views.matched(alike), motion, nats):
         return NOTHING
-    obey = misses(motion.states, seen, again)[0] < NEAR**2
-    return _match_of(_sharpened(motion, before, after, matched[obey]) or motion, obey, reference)
-
-
-def follow_landmarks(reference: Strip, current: Strip, search: Search) -> Match:
-    """Turn between two views up to some metres apart where it is known to a degree or two; else LOW_CONFIDENCE.
-
-    Corners are found again to hundredths of a pixel, so that the turn is right to thousandths of a degree. The variance
-    is that of the turn about the camera's own axis; the confidence is the share of matching corners that obey the
-    motion found.
-    """
-    before, after = (landmarks_of(strip, search.forward_px) for strip in (reference, current))
-    matched = _matched(before, after)[0]
-    if len(matched) < FEWEST:
+    mean, sigma = views.expected(motion.turn), math.sqrt(motion.variance)
+    match = _sharpened(views, pairs, corners.motions(mean, sigma), mean, sigma)
+    if match is None:
         return NOTHING
-    seen, again = before.bearings[matched[:, 0]], after.bearings[matched[:, 1]]
-    motion = follow_motion(seen, again, search.expected_px * 2.0 * np.pi / reference.columns)
-    obey = misses(motion.states, seen, again)[0] < NEAR**2
-    sharp = _sharpened(motion, before, after, matched[obey])
-    return _match_of(sharp, obey, reference) if sharp else NOTHING
+    per_px = views.projection.per_column
+    variance = match.variance_px2 + motion.doubt / per_px**2
+    off = wrap_angle(match.shift_px * per_px - motion.turn)
+    if off**2 > DISAGREE**2 * (motion.variance + variance * per_px**2):  # another motion explains them as well
+        return NOTHING
+    return replace(match, variance_px2=variance)
 
 
-def _sharpened(motion: Motion, before: Landmarks, after: Landmarks, matched: Indices) -> Motion | None:
-    """The motion by the corners that obey it, `matched`, found again finely; None where too few are alike."""
-    seen, again, blur = _aligned(before, after, matched[:ALIGNED])
-    return sharpen_motion(motion, seen, again, blur) if len(seen) >= FEWEST else None
+def _sharpened(views: Views, pairs: Indices, rough: Fit, mean: Floats, yaw_sigma: float = math.inf) -> Match | None:
+    """What corners that are inliers of the likeliest motion say once they are aligned; None where too few are alike."""
+    inlier = rough.inlier[rough.best] > 0.5
+    corners = views.aligned(pairs[inlier])
+    if len(corners.at) < FEWEST:
+        return None
+    px, count = corners.per_column, len(rough.states)
+    start = Start(rough.states, np.repeat(even_shares(), count, axis=0), np.ones(count))
+    trials = ascend(corners.problem(rough.states[rough.best], mean, yaw_sigma), start, FIRST_PX * px)
+    start = trials.only(trials.best)
+    for _ in range(2):  # linear about the last state; what was expected has chosen, and says no more
+        start = fit = ascend(corners.problem(start.states[0], mean), start, NEXT_PX * px)
+    fit.doubt = doubt(trials.states[:, YAW], trials.log_posterior, fit)
+    yaw, tilt_x, tilt_y = fit.states[0, ROTATION].tolist()
+    strip = views.before.picture.strip
+    variance = yaw_variance(fit, sectors_of(corners.at, strip.columns), True)
+    variance += (LOCK_PX * px) ** 2 + tilt_error(strip, (tilt_x, tilt_y)) ** 2
+    return Match(wrap_angle(yaw) / px, variance / px**2, float(inlier.mean()), tilt=(tilt_x, tilt_y))
 
 
-def _match_of(motion: Motion, obey: npt.NDArray[np.bool_], reference: Strip) -> Match:
-    """What a motion, which these corners obey, says of a turn, in columns."""
-    per_rad = reference.columns / (2.0 * np.pi)
-    tilt = motion.tilt_x, motion.tilt_y
-    return Match(motion.turn * per_rad, motion.variance * per_rad**2, float(obey.mean()), tilt=tilt)
-
-
-def _aligned(before: Landmarks, after: Landmarks, matched: Indices) -> tuple[Floats, Floats, Floats]:
-    """Unit vectors towards (n, 2) pairs of corners, finely, as far as they look alike.
-
-    And (n, 2, 2) covariances of the latter to the left and upwards, rad^2.
-    """
-    one, other = before.corners[matched[:, 0]], after.corners[matched[:, 1]]
-    padding = np.array([PAD, 0.0])
-    found, likeness, covariance = align(before.picture, after.picture, one + padding, other + padding)
-    found -= padding
-    kept = (likeness > LIKE) & (np.hypot(*(found - other).T) < ASTRAY)
-    again = after.towards(found[kept])
-    left = 2.0 * np.pi / after.strip.columns * np.hypot(again[:, 0], again[:, 1])  # per pixel
-    scale = np.stack([left, np.full(len(left), after.strip.row_height)], axis=1)
-    return before.towards(one[kept]), again, covariance[kept] * scale[:, :, None] * scale[:, None, :]
-
-
-def _rivalled(motion: Motion, nats: float, before: Landmarks, after: Landmarks, alike: Indices) -> bool:
+def _rivalled(alike: Corners, motion: Motion, nats: float) -> bool:
     """Whether corners that look alike but do not obey the motion obey another one."""
-    seen, again = before.bearings[alike[:, 0]], after.bearings[alike[:, 1]]
+    seen, again = alike.tangents.ahead.T, alike.seen.T
     left = np.flatnonzero(misses(motion.states, seen, again)[0] > NEAR**2)[:RIVALS]
     if left.size < FEWEST:
         return False
     rival = find_motion(seen[left], again[left], motion.turn)
-    return evidence(rival, seen[left], again[left])[1] > min(RIVALRY, RELATIVE * nats)
+    return evidence(rival, seen[left], again[left]) > min(RIVALRY, RELATIVE * nats)
 
 
 @lru_cache(maxsize=2)
-def landmarks_of(strip: Strip, forward_px: float) -> Landmarks:
+def landmarks_of(strip: Strip) -> Landmarks:
     """Corners of the world in a strip that can be told apart."""
-    nothing = Landmarks(strip, forward_px, np.empty((0, 2)), np.empty((0, 32), np.uint8))
+    picture = Picture(strip)
+    nothing = Landmarks(picture, np.empty((0, 2)), np.empty((0, 32), np.uint8))
     if min(strip.pixels.shape) < SMALLEST:
         return nothing
-    grey = np.clip(np.rint(strip.pixels + strip.means), 0, 255).astype(np.uint8)
-    corners, descriptors = cv2.ORB.create(*DETECTOR).detectAndCompute(_padded(grey), None)
+    orb = cv2.ORB.create(CORNERS, nlevels=LEVELS, edgeThreshold=EDGE)
+    corners, descriptors = orb.detectAndCompute(picture.bytes, None)
     if descriptors is None:
         return nothing
-    column, row = np.array([corner.pt for corner in corners]).T - [[PAD], [0.0]]
-    inside = (column >= -0.5) & (column < strip.columns - 0.5)  # each once
+    at = np.array([corner.pt for corner in corners]) - [MARGIN, 0.0]
+    inside = (at[:, 0] >= -0.5) & (at[:, 0] < strip.columns - 0.5)  # each once
     if strip.seen is not None:
-        at = np.rint(row).astype(np.intp), np.rint(column).astype(np.intp) % strip.columns
-        inside &= strip.seen.pixels[at] > 0.0
-    corners_inside = np.stack([column[inside], row[inside]], axis=1)
-    return Landmarks(strip, forward_px, corners_inside, np.asarray(descriptors, np.uint8)[inside])
-
-
-def _padded(picture: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """A panorama with `PAD` columns repeated on either side."""
-    return cv2.copyMakeBorder(picture, 0, 0, PAD, PAD, cv2.BORDER_WRAP)
+        column, row = np.rint(at).astype(np.intp).T
+        inside &= strip.seen.pixels[row, column % strip.columns] > 0.0
+    return Landmarks(picture, at[inside], np.asarray(descriptors, np.uint8)[inside])
 
 
 def _matched(before: Landmarks, after: Landmarks) -> tuple[Indices, Indices]:

@@ -8,11 +8,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 
-import numpy as np
-
 from compass.angles import wrap_angle
 from compass.attitude import Tilted
 from compass.config import CompassConfig
+from compass.corners.prior import DISAGREE
 from compass.increment import CompassStatus, YawIncrement
 from compass.landmarks import follow_landmarks
 from compass.match import Search
@@ -20,8 +19,8 @@ from compass.strip import Strip
 
 Look = Callable[[], YawIncrement | None]
 OLDEST_NS = 4_000_000_000  # no further back
-BLURRED = np.deg2rad(0.012)  # nor to a view that left the turn since then known no better
-ASTRAY, ASTRAY_SIGMAS = np.deg2rad(0.15), 3.0  # from what the increments say; corners may obey a wrong motion
+BLURRED = math.radians(0.012)  # nor to a view that left the turn since then known no better
+ASTRAY = math.radians(0.15)  # from what the increments say; corners may obey a wrong motion
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -71,10 +70,12 @@ class LookBack:
     def _look(self, view: View, now: View, config: CompassConfig) -> YawIncrement | None:
         """Turn from one view to the other, if the latter still shows enough of the former."""
         per_px, forward_px = math.tau / now.strip.columns, config.forward_column * now.strip.columns
-        match = follow_landmarks(view.strip, now.strip, Search((now.yaw - view.yaw) / per_px, 0.0, forward_px))
+        expected = now.yaw - view.yaw
+        reach = math.hypot(ASTRAY, DISAGREE * math.sqrt(abs(now.variance - view.variance)))
+        match = follow_landmarks(view.strip, now.strip, Search(expected / per_px, reach / per_px, forward_px))
         turn, variance = match.shift_px * per_px, match.variance_px2 * per_px**2
         yaw = view.leans.after(turn, match.tilt)[1]
-        refused = match.status is not CompassStatus.OK or _contradicted(yaw, view, now)
+        refused = match.status is not CompassStatus.OK or abs(wrap_angle(yaw - expected)) > reach
         old = now.strip.t_ns - view.strip.t_ns > OLDEST_NS - config.look_back * 1e9
         with self._moving:
             if self._view is view and (refused or old or variance > BLURRED**2):
@@ -83,9 +84,3 @@ class LookBack:
             return None
         told = yaw, float(variance + view.leans.variance(turn, config.lean_sigma)), match.confidence, turn, match.tilt
         return YawIncrement(view.strip.t_ns, now.strip.t_ns, *told, far=True)
-
-
-def _contradicted(yaw: float, view: View, now: View) -> bool:
-    """Whether a turn from one view to the other is too far from what the increments between them say."""
-    off = wrap_angle(yaw - (now.yaw - view.yaw))
-    return bool(off**2 > ASTRAY**2 + ASTRAY_SIGMAS**2 * abs(now.variance - view.variance))

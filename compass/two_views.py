@@ -2,8 +2,7 @@
 
 What was seen in the direction b before the camera moved along t is afterwards seen on the great circle through b and t,
 further from t than before, and not behind -t. Two things give turn and t in closed form. Of many pairs that are drawn,
-the motions that most directions obey are refined. Where the turn is known to a degree, nothing needs to be drawn: all
-directions of travel are tried.
+the motions that most directions obey are refined.
 """
 
 from __future__ import annotations
@@ -27,17 +26,11 @@ ROUNDS = 8  # at most, at each width
 STEP = 1e-4  # rad, of numerical derivatives; a smaller change of the turn ends a width
 PRIORS = np.deg2rad([1e3, 1e3, 6.0, 6.0, 6.0])  # deviations of turn, direction, tilt about x and y, climb
 UNTILT = np.array([[0, 0, 0, 0, 0, 1, 0, -1, 0], [0, 0, -1, 0, 0, 0, 1, 0, 0.0]])  # rotations by -1 about x and y
-FINE_WIDTHS = np.deg2rad([1.0, 0.35, 0.08])  # the same of directions that are known to hundredths of a pixel
-ALL_ROUND = np.linspace(0.0, 2.0 * np.pi, 36, endpoint=False)  # directions of travel to begin with
-OTHERS = np.deg2rad([60.0, 180.0, 300.0])  # from the likeliest: it may be the wrong one
-EXACT = np.deg2rad(0.007)  # by which what is known finest may miss nevertheless
-OBEYED = np.deg2rad(0.25)  # by which a finely known direction may miss
-TRIED_ON = 120  # directions that choose among those
 NEAR = np.deg2rad(1.0)  # by which a direction may miss the refined motion
 SHUFFLES = 8  # of the partners, to know what chance gives
 INDEPENDENT = 0.25  # share of those that obey: neighbours err together
-FLOOR, FINE_FLOOR = np.deg2rad([0.06, 0.004])  # error that no number of directions averages out, of finely known ones
-CLOSEST, FINE_CLOSEST = 1e-8, 1e-12  # rad^2 by which they miss on average, at least; else nothing is left of `PRIORS`
+FLOOR = np.deg2rad(0.06)  # error that no number of directions averages out
+CLOSEST = 1e-8  # rad^2 by which they miss on average, at least; else nothing is left of `PRIORS`
 LEANING = 4.0  # error of the turn per tilt or climb and share of the directions that do not obey
 
 
@@ -68,16 +61,6 @@ class Motion:
         """In [-pi, pi), rad."""
         return wrap_angle(float(self.states[0, 0]))
 
-    @property
-    def tilt_x(self) -> float:
-        """Of the scene about the camera's x, before it turned, rad."""
-        return float(self.states[0, 2])
-
-    @property
-    def tilt_y(self) -> float:
-        """Of the scene about the camera's y, before it turned, rad."""
-        return float(self.states[0, 3])
-
 
 def find_motion(seen: Floats, again: Floats, besides: float | None = None) -> Motion:
     """The motion that most directions obey.
@@ -106,33 +89,6 @@ def find_motion(seen: Floats, again: Floats, besides: float | None = None) -> Mo
     doubt = max(_doubt(likeliest, other) for other in tried)
     best = _refined(likeliest.states[0], seen, again)
     return replace(best, variance=best.variance + doubt, doubt=doubt)
-
-
-def follow_motion(seen: Floats, again: Floats, turn: float) -> Motion:
-    """The motion that most directions obey, some of which are mistaken; `turn` (rad) is right to a degree or two."""
-    level = np.zeros((len(ALL_ROUND), 5))
-    level[:, 0], level[:, 1] = turn, ALL_ROUND
-    miss = misses(level, seen.astype(np.float32), again.astype(np.float32))
-    likeliest = np.maximum(1.0 - miss / ROUGH**2, 0.0).sum(axis=1).argmax()
-    return _refined(level[likeliest], seen, again, WIDTHS[1:])
-
-
-def sharpen_motion(motion: Motion, seen: Floats, again: Floats, blur: Floats) -> Motion:
-    """The motion near `motion` that finely known directions obey; its direction of travel may be another one.
-
-    `blur`, (n, 2, 2), are the covariances of `again` to the left and upwards, rad^2: what is known across a vertical
-    edge, but not along it, counts where that is what matters.
-    """
-    some = np.random.default_rng(3).permutation(len(seen))[:TRIED_ON]
-    few = seen[some], again[some]
-    tried = [_refined(motion.states[0], *few, FINE_WIDTHS[1:], blur[some])]
-    for other in OTHERS:
-        start = np.array([motion.turn, motion.states[0, 1] + other, 0.0, 0.0, 0.0])
-        tried.append(_refined(start, *few, FINE_WIDTHS, blur[some]))
-    miss = misses(np.concatenate([one.states for one in tried]), *few)
-    best = tried[int(np.maximum(1.0 - miss / OBEYED**2, 0.0).sum(axis=1).argmax())]
-    sharp = _refined(best.states[0], seen, again, FINE_WIDTHS[-1:], blur)
-    return replace(sharp, variance=sharp.variance + motion.doubt, doubt=motion.doubt)
 
 
 def _doubt(best: Motion, other: Motion) -> float:
@@ -183,26 +139,15 @@ def misses(motions: Floats, seen: Floats, again: Floats) -> Floats:
     return np.asarray(np.square(_angles_missed(motions, seen, again)).sum(axis=0))
 
 
-def _refined(
-    states: Floats,
-    seen: Floats,
-    again: Floats,
-    widths: Floats = WIDTHS,
-    blur: Floats | None = None,
-) -> Motion:
-    """The motion near `states`, (5,), that the directions near it obey best: Gauss-Newton, each time more narrowly.
-
-    With `blur` the directions are finely known, see `sharpen_motion`.
-    """
-    floor, closest = (FLOOR, CLOSEST) if blur is None else (FINE_FLOOR, FINE_CLOSEST)
+def _refined(states: Floats, seen: Floats, again: Floats) -> Motion:
+    """The motion near `states`, (5,), that the directions near it obey best: Gauss-Newton, each time more narrowly."""
     trials = STEP * np.concatenate([np.zeros((1, 5)), np.eye(5), -np.eye(5)])
-    for width in widths:
+    for width in WIDTHS:
         for _ in range(ROUNDS):
             angles = _angles_missed(states + trials, seen, again).transpose(1, 0, 2)
             missed = np.square(angles[0]).sum(axis=0)
-            near = (1.0 + missed / width**2) ** -2
-            weight = near if blur is None else near * _sharpness(states[1], seen, blur)
-            scatter = max(float(weight @ missed / near.sum()), closest)
+            weight = (1.0 + missed / width**2) ** -2
+            scatter = max(float(weight @ missed / weight.sum()), CLOSEST)
             weight, angles = np.tile(weight, 3), angles.reshape(len(trials), -1)
             slope = (angles[1:6] - angles[6:]) / (2.0 * STEP)
             precision = (slope * weight) @ slope.T + np.diag(scatter / PRIORS**2)
@@ -213,27 +158,18 @@ def _refined(
     known = scatter * np.linalg.inv(precision)[0, 0] / INDEPENDENT
     missed = misses(states[None], seen, again)
     astray = float(np.mean(missed > NEAR**2))
-    variance = float(known + floor**2 + (LEANING * astray) ** 2 * (states[2:] @ states[2:]))
+    variance = float(known + FLOOR**2 + (LEANING * astray) ** 2 * (states[2:] @ states[2:]))
     return Motion(states[None], variance, float(np.maximum(1.0 - missed / NEAR**2, 0.0).sum()))
 
 
-def _sharpness(direction: float, seen: Floats, blur: Floats) -> Floats:
-    """(n,) weights of directions, 1 where they are known exactly across their circles through the travel."""
-    ahead = np.arctan2(seen[:, 1], seen[:, 0]) - direction
-    across = np.stack([-seen[:, 2] * np.cos(ahead), np.sin(ahead)], axis=1)  # to the left and upwards
-    across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), STEP)
-    variance = np.einsum("ni,nij,nj->n", across, blur, across)
-    return np.asarray(EXACT**2 / (EXACT**2 + variance))
-
-
-def evidence(motion: Motion, seen: Floats, again: Floats) -> tuple[int, float]:
-    """Directions that obey a motion, and the nats by which they surpass shuffled ones: a binomial's large deviation."""
+def evidence(motion: Motion, seen: Floats, again: Floats) -> float:
+    """Nats by which more directions obey a motion than shuffled ones do: a binomial's large deviation."""
     rng, count = np.random.default_rng(1), len(seen)
     partners = np.concatenate([rng.permutation(count) for _ in range(SHUFFLES)])
     shuffled = misses(motion.states, np.tile(seen, (SHUFFLES, 1)), again[partners]) < NEAR**2
     obeying = int(np.count_nonzero(misses(motion.states, seen, again) < NEAR**2))
     chance, share = (float(shuffled.sum()) / SHUFFLES + 0.5) / (count + 1.0), min(obeying / count, 1.0 - 1e-9)
     if share <= chance:
-        return obeying, 0.0
+        return 0.0
     nats = share * np.log(share / chance) + (1.0 - share) * np.log((1.0 - share) / (1.0 - chance))
-    return obeying, float(count * nats)
+    return float(count * nats)

@@ -58,14 +58,14 @@ def px_error(match, turn_px):
 
 
 def looked_back(name, worlds, apart):
-    """Views of one drive so many seconds apart, the turn known to 0.2 deg."""
+    """Views of one drive so many seconds apart, the turn known to 0.6 deg, three deviations."""
     rng, count, errors = np.random.default_rng(0), 0, []
     for views in worlds:
         for one, other in combinations(views, 2):
             if abs(other.t - one.t - apart) < 0.3:
                 count += 1
                 expected = wrap_angle(other.yaw - one.yaw) + math.radians(0.2) * rng.normal()
-                search = Search(expected * WIDTH / math.tau, 0.0, WIDTH / 2)
+                search = Search(expected * WIDTH / math.tau, WIDTH / 360 * 0.6, WIDTH / 2)
                 match = follow_landmarks(one.strip, other.strip, search)
                 if match.status is CompassStatus.OK:
                     errors.append(error(one, other, match))

@@ -10,6 +10,7 @@ from panoramas import FRAME_NS, as_bytes, azimuths, compare, scene, seen_from, s
 
 from compass import CompassConfig, CompassStatus, VisualCompass
 from compass.coarse import coarse_shift
+from compass.corners import method
 from compass.corners.points import find_corners
 from compass.strip import prepare_strip
 from compass.turn import pooled_turn
@@ -55,6 +56,19 @@ def test_pure_turn_is_told_by_all_rows_pooled(columns):
     peak, _ = pooled_turn(*(prepare_strip(0, image, CompassConfig()) for image in images), columns)
     assert found.yaw / PER_PX == pytest.approx(peak.shift_px, abs=1e-6)
     assert found.yaw / PER_PX == pytest.approx(columns, abs=0.01)
+
+
+def test_what_moves_corners_by_more_than_their_patches_know_widens_all_rows(monkeypatch):
+    images = as_bytes(sphere(0), NOISE, 1), as_bytes(shifted(sphere(0), 12.6), NOISE, 2)
+    alone, variances = method._pure_turn, []
+    for noise in (0.5, 1.0, 4.0):
+
+        def louder(key, fit, current, match, noise=noise):
+            return alone(key, replace(fit, noise=np.array([noise])), current, replace(match, variance_px2=1.0))
+
+        monkeypatch.setattr(method, "_pure_turn", louder)
+        variances.append(compare(compass(), *images).variance)
+    assert variances[1:] == pytest.approx([variances[0], 4.0 * variances[0]], rel=1e-9)
 
 
 @pytest.mark.parametrize("width", [302, 303, 513])

@@ -10,10 +10,12 @@ from panoramas import FRAME_NS, PHOTO_NAMES, PHOTOS, START_NS, as_bytes, azimuth
 
 from compass import CompassConfig, CompassStatus, VisualCompass, wrap_angle
 from compass.alignment import align
-from compass.landmarks import follow_landmarks
+from compass.corners.motion import NEXT_PX
+from compass.corners.rays import Tangents, undo
+from compass.corners.solve import ascend
+from compass.landmarks import Corners, follow_landmarks
 from compass.match import Search
 from compass.strip import prepare_strip
-from compass.two_views import follow_motion, sharpen_motion
 from fusion import FusionConfig, YawPipeline
 
 WIDTH, HEIGHT = 1024, 512
@@ -80,23 +82,28 @@ def test_what_is_badly_known_along_edges_does_not_turn_the_motion():
     """Edges on one side, found again too low: an honest covariance leaves the turn to the rest."""
     rng, turn, direction, count = np.random.default_rng(2), 0.3, 0.4, 200
     azimuth, elevation = rng.uniform(-math.pi, math.pi, count), rng.uniform(-0.5, 0.5, count)
-    seen = np.stack([np.cos(azimuth), np.sin(azimuth), np.tan(elevation)], axis=1)
-    points = seen * rng.uniform(2.0, 6.0, (count, 1))
-    again = points - 0.5 * np.array([math.cos(direction), math.sin(direction), 0.0])
-    again = again @ np.array(
-        [[math.cos(turn), -math.sin(turn), 0.0], [math.sin(turn), math.cos(turn), 0.0], [0, 0, 1.0]]
-    )
-    seen, again = (one / np.linalg.norm(one, axis=1, keepdims=True) for one in (seen, again))
+    seen = np.stack([np.cos(azimuth), np.sin(azimuth), np.tan(elevation)])
+    again = seen * rng.uniform(2.0, 6.0, count) - 0.5 * np.array([[math.cos(direction)], [math.sin(direction)], [0.0]])
+    again = undo(turn, 0.0, 0.0).T @ again
+    seen, again = (one / np.linalg.norm(one, axis=0) for one in (seen, again))
     edges = np.sin(azimuth - direction) > 0.5
-    slipped = 3e-3 * np.abs(rng.normal(size=count)) * edges
-    again[:, 2] -= slipped
-    again /= np.linalg.norm(again, axis=1, keepdims=True)
-    blur = np.tile(1e-9 * np.eye(2), (count, 1, 1))
-    alike = sharpen_motion(follow_motion(seen, again, turn + 0.01), seen, again, blur)
-    blur[:, 1, 1] += (3e-3) ** 2 * edges
-    told = sharpen_motion(follow_motion(seen, again, turn + 0.01), seen, again, blur)
-    assert abs(told.turn - turn) < 0.1 * abs(alike.turn - turn)
-    assert abs(told.turn - turn) < math.radians(0.01)
+    again[2] -= 3e-3 * np.abs(rng.normal(size=count)) * edges
+    again /= np.linalg.norm(again, axis=0)
+    mean = np.array([turn + 0.01, 0.0, 0.0, 0.0, 0.0])
+
+    def turn_by(upwards):
+        left, up = 1e-9 * np.ones(count), 1e-9 + upwards * edges
+        covariance = np.stack([0.5 * (left + up), 0.5 * (left - up)]).astype(complex)
+        corners = Corners(Tangents.at(seen), again, covariance, np.zeros((count, 2)), 1.0 / PER_RAD)
+        fit = corners.motions(mean, 0.01)
+        start = fit.only(fit.best)
+        for _ in range(3):
+            start = ascend(corners.problem(start.states[0], mean), start, NEXT_PX / PER_RAD)
+        return start.states[0, 0]
+
+    alike, told = turn_by(0.0), turn_by(3e-3**2)
+    assert abs(told - turn) < 0.1 * abs(alike - turn)
+    assert abs(told - turn) < math.radians(0.01)
 
 
 def past_walls(image, direction, left, right, step):
@@ -114,7 +121,7 @@ def test_turn_of_photographs_is_right_to_a_hundredth_of_a_degree(step, left, rig
         for seed in range(4):
             direction, turn = np.random.default_rng(seed).uniform(-math.pi, math.pi, 2)
             after = shifted(past_walls(photo(name), direction, left, right, step), turn * PER_RAD)
-            match = follow_landmarks(before, strip(after, 2 + seed), Search(turn * PER_RAD + 1.5, 0.0, WIDTH / 2))
+            match = follow_landmarks(before, strip(after, 2 + seed), Search(turn * PER_RAD + 0.3, 0.5, WIDTH / 2))
             assert match.status is CompassStatus.OK
             errors.append((wrap_angle(match.shift_px / PER_RAD - turn), match.variance_px2 / PER_RAD**2))
     error, variance = np.array(errors).T
@@ -126,11 +133,11 @@ def test_turn_of_photographs_is_right_to_a_hundredth_of_a_degree(step, left, rig
 
 def test_another_place_is_not_followed():
     match = follow_landmarks(
-        strip(scene(1, WIDTH, HEIGHT), 1), strip(scene(2, WIDTH, HEIGHT), 2), Search(0.0, 0.0, 512.0)
+        strip(scene(1, WIDTH, HEIGHT), 1), strip(scene(2, WIDTH, HEIGHT), 2), Search(0.0, 0.5, 512.0)
     )
     assert match.status is CompassStatus.LOW_CONFIDENCE
-    empty = strip(np.full((HEIGHT, WIDTH), 90.0, np.float32), 3)
-    assert follow_landmarks(empty, empty, Search(0.0, 0.0, 512.0)).status is CompassStatus.LOW_CONFIDENCE
+    empty, later = (strip(np.full((HEIGHT, WIDTH), 90.0, np.float32), noise) for noise in (3, 4))
+    assert follow_landmarks(empty, later, Search(0.0, 0.5, 512.0)).status is CompassStatus.LOW_CONFIDENCE
 
 
 def drive(seconds, turn_px):

@@ -1,7 +1,7 @@
 """Corners as directions on the sphere, and in the tangent planes there.
 
-In the gnomonic projection about a direction b great circles are straight lines: what was seen in b before the camera
-moved along t is afterwards seen on the line through b's image and t's, away from t, however far it moved.
+In the orthographic projection about a direction b great circles through b are straight lines: what was seen in b before
+the camera moved along t is afterwards seen on the line through b's image and t's, away from t, however far it moved.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ import numpy.typing as npt
 from compass.corners.points import Floats
 from compass.strip import Strip
 
+FLOOR_PX = 0.02  # deviation of a track that its patch does not know of, columns
 Complexes = npt.NDArray[np.complexfloating]
 Index = npt.NDArray[np.intp]
 
@@ -54,6 +55,26 @@ class Projection:
         level = np.cos(elevation)
         return np.stack([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)])
 
+    def covariance(self, directions: Floats, right: Floats, mixed: Floats, down: Floats) -> Complexes:
+        """Covariances of (3, n) directions from those of their pixels.
+
+        Parameters
+        ----------
+        right, mixed, down : (n,) arrays
+            Variance to the right, covariance, and variance downwards, pixels^2; `FLOOR_PX` is added.
+
+        Returns
+        -------
+        (2, n) complex array
+            As `compass.corners.solve.Problem` has them.
+        """
+        column, row = np.hypot(*directions[:2]) * self.per_column, self.per_row
+        least = (FLOOR_PX * self.per_column) ** 2
+        left, up = column**2 * right + least, row**2 * down + least
+        covariance = np.empty((2, len(left)), np.complex128)
+        covariance[:] = 0.5 * (left + up), 0.5 * (left - up) + 1j * column * row * mixed
+        return covariance
+
     def pixels(self, directions: Floats) -> Floats:
         """(n, 2) columns and rows of (3, n) vectors of unit length."""
         x, y, z = directions
@@ -71,34 +92,37 @@ class Tangents:
         Unit vectors, the directions themselves.
     axes : (3, n) complex array
         Their planes' axes: ``vector @ axes`` is what a vector has to the left and up.
-    rotating : (3, n) complex array
-        How far a direction moves, rad per rad, when the rotation that undoes yaw, and tilt about x and y, is changed:
-        see `undo`.
     """
 
     ahead: Floats
     axes: Complexes
-    rotating: Complexes
 
     @staticmethod
     def at(directions: Floats) -> Tangents:
         """At (3, n) unit vectors, none of them straight up or down."""
         x, y, z = directions
         level = np.hypot(x, y)
-        axes = np.stack([-y - 1j * z * x, x - 1j * z * y, 1j * level * level]) / level
-        about = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])  # undoing a tilt rotates the other way
-        turned = np.cross(about[:, None], directions.T)
-        return Tangents(directions, axes, np.einsum("qnc,cn->qn", turned, axes))
+        return Tangents(directions, np.stack([-y - 1j * z * x, x - 1j * z * y, 1j * level * level]) / level)
 
     def some(self, index: Index | slice) -> Tangents:
         """Those of an index or a slice."""
-        return Tangents(self.ahead[:, index], self.axes[:, index], self.rotating[:, index])
+        return Tangents(self.ahead[:, index], self.axes[:, index])
 
     def project(self, directions: Floats) -> Complexes:
-        """(n,) gnomonic images of (3, n) vectors near the planes' directions."""
-        depth = np.maximum((directions * self.ahead).sum(axis=0), 0.1)
-        image: Complexes = (directions * self.axes).sum(axis=0) / depth
+        """(n,) orthographic images of (3, n) unit vectors.
+
+        Great circles through a plane's direction are straight lines in it, and what is off such a line is the sine of
+        the angle to the circle, however far along it.
+        """
+        image: Complexes = (directions * self.axes).sum(axis=0)
         return image
+
+    def rotating(self, directions: Floats) -> Complexes:
+        """(3, n) rad per rad by which those move as the rotation that undoes yaw, and tilt about x and y, changes."""
+        x, y, z = directions
+        by_x, by_y, by_z = self.axes
+        # undoing a tilt rotates the other way
+        return np.stack([x * by_y - y * by_x, z * by_y - y * by_z, x * by_z - z * by_x])
 
 
 def undo(yaw: float, tilt_x: float, tilt_y: float) -> Floats:

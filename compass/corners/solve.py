@@ -16,7 +16,7 @@ import numpy as np
 
 from compass.corners.density import exponentially_modified
 from compass.corners.points import Floats
-from compass.corners.rays import Complexes, Tangents
+from compass.corners.rays import Complexes, Tangents, undo
 
 YAW, TILT_X, TILT_Y, DIRECTION, CLIMB = range(5)
 ROTATION = slice(0, 3)
@@ -41,6 +41,8 @@ class Problem:
         At the keyframe's directions.
     moved : (n,) complex array
         Where they are seen once the rotation of `start` is undone, rad.
+    rotating : (3, n) complex array
+        How that moves with the rotation, rad per rad.
     start : (5,) array
         Yaw, tilt about x and y, direction of travel, climb, rad.
     covariance : (2, n) complex array
@@ -54,11 +56,25 @@ class Problem:
 
     tangents: Tangents
     moved: Complexes
+    rotating: Complexes
     start: Floats
     covariance: Complexes
     prior_mean: Floats
     prior_precision: Floats
     per_column: float
+
+    @staticmethod
+    def posed(
+        tangents: Tangents,
+        seen: Floats,
+        start: Floats,
+        covariance: Complexes,
+        prior: tuple[Floats, Floats],
+        per_column: float,
+    ) -> Problem:
+        """Of corners that are now seen in (3, n) directions; `prior` is its mean and precision."""
+        now = undo(*start[ROTATION]) @ seen
+        return Problem(tangents, tangents.project(now), tangents.rotating(now), start, covariance, *prior, per_column)
 
     @property
     def means(self) -> Floats:
@@ -120,6 +136,11 @@ class Fit(Start):
     along: Floats
     sigma: Floats
     doubt: float = 0.0
+
+    @property
+    def best(self) -> int:
+        """Which is the likeliest."""
+        return int(self.log_posterior.argmax())
 
 
 def even_shares(pushed: bool = True) -> Floats:
@@ -205,7 +226,7 @@ class _Lines:
     """Epipolar lines of n corners for k states, and the residuals along and across them, (k, n) arrays."""
 
     def __init__(self, problem: Problem, states: Floats) -> None:
-        self.off = (states - problem.start)[:, ROTATION] @ problem.tangents.rotating + problem.moved
+        self.off = (states - problem.start)[:, ROTATION] @ problem.rotating + problem.moved
         direction, climb = states[:, DIRECTION], states[:, CLIMB]
         sine, cosine, level, rise = np.sin(direction), np.cos(direction), np.cos(climb), np.sin(climb)
         travel = np.array([cosine * level, sine * level, rise]).T
@@ -226,7 +247,7 @@ class _Lines:
     def jacobian(self, problem: Problem, pushed: bool) -> Floats:
         """(k, 5, 2 n) change of the residuals along and across, in turn, with the state."""
         jacobian = np.zeros((len(self.along), 5, self.along.shape[1]), np.complex128)
-        jacobian[:, ROTATION] = problem.tangents.rotating * self._back[:, None]
+        jacobian[:, ROTATION] = problem.rotating * self._back[:, None]
         if pushed:
             swing = (self._changes.transpose(2, 0, 1) @ problem.tangents.axes) * (self._back / -self.length)[:, None]
             jacobian[:, DIRECTION:] = -1j * self._residual[:, None] * swing.imag  # rad by which the lines turn

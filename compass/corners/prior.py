@@ -1,0 +1,39 @@
+"""What is known of a motion between two views before their corners are asked, and what no corner tells."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from compass.attitude import tilt_between
+from compass.corners.points import Floats
+from compass.strip import Strip
+
+TILT_SIGMA = math.radians(3.0)  # of the scene between two views, beside what an IMU tells
+CLIMB_SIGMA = math.radians(4.0)  # of the direction of travel against the camera's level
+LEAN_SIGMA, UNKNOWN_LEAN = 0.01, 0.045  # rad, error of how the camera leans, with an IMU and without
+LOCK_PX = 0.012  # by which corners that all move by the same part of a column err: photographs of a city and a forest
+DISAGREE = 3.0  # deviations by which two answers to one question may differ
+FEWEST = 24  # corners that have to be found again, and to be inliers: five for each of a motion's unknowns
+LEVEL = (0.0, 0.0)  # no tilt
+
+
+def precision_of(yaw_sigma: float = math.inf) -> Floats:
+    """(5,) precisions of yaw, whose deviation is given, tilt about x and y, direction of travel, and climb; rad^-2."""
+    return np.array([yaw_sigma**-2, TILT_SIGMA**-2, TILT_SIGMA**-2, 0.0, CLIMB_SIGMA**-2])
+
+
+def told_tilt(reference: Strip, current: Strip, turn: float) -> tuple[float, float]:
+    """Tilt of the scene about x and y from one view to another as an IMU tells, rad; none without one."""
+    if reference.up is None or current.up is None:
+        return LEVEL
+    return tilt_between(reference.up, current.up, turn)
+
+
+def tilt_error(reference: Strip, tilt: tuple[float, float]) -> float:
+    """Standard deviation of a yaw, rad, from what a tilt has to do with it: that depends on how the camera leans.
+
+    See `compass.attitude`.
+    """
+    return (UNKNOWN_LEAN if reference.up is None else LEAN_SIGMA) * math.hypot(*tilt)
