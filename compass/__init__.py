@@ -8,10 +8,10 @@ if TYPE_CHECKING:
     from compass.angles import wrap_angle
     from compass.config import CompassConfig
     from compass.errors import ConfigError, ImageError, VisualCompassError
+    from compass.images.strip import Strip
     from compass.increment import CompassStatus, YawIncrement
-    from compass.match import Match, Search
-    from compass.methods import register_method
-    from compass.strip import Strip
+    from compass.methods.match import Match, Search
+    from compass.methods.registry import register_method
     from compass.version import __version__
     from compass.visual_compass import VisualCompass
 
@@ -41,10 +41,10 @@ __getattr__, __dir__ = lazy_names(
         "VisualCompassError": "errors",
         "CompassStatus": "increment",
         "YawIncrement": "increment",
-        "Match": "match",
-        "Search": "match",
-        "register_method": "methods",
-        "Strip": "strip",
+        "Match": "methods.match",
+        "Search": "methods.match",
+        "register_method": "methods.registry",
+        "Strip": "images.strip",
         "VisualCompass": "visual_compass",
         "__version__": "version",
     },

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from compass.errors import ConfigError
-from compass.methods import OURS, find_method
+from compass.methods.registry import OURS, find_method
 from compass.parameters import ParameterSet, parameter
 
 METHODS = tuple(OURS)

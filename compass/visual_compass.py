@@ -10,20 +10,20 @@ from dataclasses import replace
 import numpy as np
 
 from compass.angles import wrap_angle
-from compass.attitude import Tilted, Vector, beyond_error
-from compass.circle import CircleCheck
 from compass.config import CompassConfig
 from compass.errors import VisualCompassError
+from compass.features.long_baseline import Look, LookBack, View
+from compass.features.matching import match_landmarks
 from compass.history import ImageHistory
-from compass.image import Image
+from compass.images.decode import Image
+from compass.images.full_circle import CircleCheck
+from compass.images.mask import load_mask
+from compass.images.strip import Strip, prepare_strip
 from compass.increment import CompassStatus, YawIncrement
-from compass.landmarks import match_landmarks
-from compass.look_back import Look, LookBack, View
-from compass.lost import LostTurn, LostTurns
-from compass.mask import load_mask
-from compass.match import Match, Search
-from compass.methods import find_method
-from compass.strip import Strip, prepare_strip
+from compass.methods.match import Match, Search
+from compass.methods.registry import find_method
+from compass.tilt import Tilted, Vector, beyond_error
+from compass.unmeasured_turn import LostTurn, LostTurns
 
 UpAt = Callable[[int], Vector | None]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
-from compass.attitude import Vector
+from compass.tilt import Vector
 from fusion.ekf import CLONES
 from fusion.exposure import Exposure
 

@@ -6,7 +6,7 @@ import math
 from bisect import bisect_left, bisect_right
 from dataclasses import dataclass
 
-from compass.attitude import Vector
+from compass.tilt import Vector
 from fusion.lean import NEAR_NS
 from fusion.samples import GyroSample
 

@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from compass import YawIncrement, wrap_angle
-from compass.attitude import beyond_error
+from compass.tilt import beyond_error
 from fusion.agreement import Agreement
 from fusion.checks.comparison import Comparison
 from fusion.checks.explain import adds_up

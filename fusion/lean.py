@@ -10,7 +10,7 @@ import math
 from collections import deque
 from dataclasses import dataclass
 
-from compass.attitude import Tilted, Vector, about_z
+from compass.tilt import Tilted, Vector, about_z
 from fusion.samples import GyroSample
 
 LEAN_ERROR = 0.02  # rad, of roll and pitch as IMUs tell them

@@ -6,9 +6,9 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-from compass.attitude import Vector
 from compass.errors import VisualCompassError
-from compass.image import Image, image_from_compressed, image_from_raw
+from compass.images.decode import Image, image_from_compressed, image_from_raw
+from compass.tilt import Vector
 from fusion.imu.level import ImuLevel
 from fusion.samples import GyroSample, OdometrySample
 

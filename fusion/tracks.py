@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from compass import wrap_angle
-from compass.attitude import Vector
+from compass.tilt import Vector
 from fusion.lean import heading_gain
 from fusion.samples import OdometrySample
 

@@ -17,7 +17,7 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 from sensor_msgs.msg import CompressedImage, Image
 
 from compass import CompassStatus, VisualCompass, YawIncrement
-from compass.look_back import Look
+from compass.features.long_baseline import Look
 from fusion.compass_rate import CompassRate
 from fusion.messages import image_of, stamp_to_ns
 from fusion.settings import Settings

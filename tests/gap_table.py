@@ -12,10 +12,10 @@ import numpy as np
 from panoramas import PHOTO_NAMES, PHOTOS, as_bytes, azimuths, photo, seen_from, shifted
 
 from compass import CompassConfig, CompassStatus, wrap_angle
-from compass.attitude import Tilted
-from compass.landmarks import follow_landmarks, match_landmarks
-from compass.match import Search
-from compass.strip import prepare_strip
+from compass.features.matching import follow_landmarks, match_landmarks
+from compass.images.strip import prepare_strip
+from compass.methods.match import Search
+from compass.tilt import Tilted
 from fusion.simulation import simulate
 
 WIDTH, SEEDS, GAPS = 1024, (0, 7, 14), (1.0, 4.5)  # s apart

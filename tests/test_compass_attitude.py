@@ -8,7 +8,7 @@ import pytest
 from panoramas import STARTS
 from scipy.spatial.transform import Rotation
 
-from compass.attitude import LEVELS_S, Tilted
+from compass.tilt import LEVELS_S, Tilted
 
 ROUNDING = 1e-12  # of a hundred products of 3 x 3 matrices, rad
 

@@ -8,7 +8,7 @@ import pytest
 from panoramas import FRAME_NS, PHOTO_NAMES, PHOTOS, START_NS, as_bytes, photo, scene, shifted
 
 from compass import VisualCompass
-from compass.circle import EVERY, VIEWS
+from compass.images.full_circle import EVERY, VIEWS
 
 WIDTH, HEIGHT = 512, 256
 SCENE = scene(4, WIDTH, HEIGHT)

@@ -9,11 +9,11 @@ import pytest
 from panoramas import FRAME_NS, as_bytes, azimuths, compare, scene, seen_from, shifted, show, tilted
 
 from compass import CompassConfig, CompassStatus, VisualCompass
-from compass.coarse import coarse_shift
-from compass.corners import method
-from compass.corners.points import find_corners
-from compass.strip import prepare_strip
-from compass.turn import pooled_turn
+from compass.features.points import find_corners
+from compass.flow.coarse_shift import coarse_shift
+from compass.flow.pure_turn import pooled_turn
+from compass.images.strip import prepare_strip
+from compass.methods import corners as method
 
 WIDTH = 1024
 PER_PX = math.tau / WIDTH
@@ -187,7 +187,7 @@ def test_wrong_peak_of_the_coarse_shift_does_not_mislead(monkeypatch):
         asked.append(coarse_shift(*arguments))
         return replace(asked[-1], shift_px=asked[-1].shift_px + 13 * (len(asked) == 4))
 
-    monkeypatch.setattr("compass.corners.method.coarse_shift", misled)
+    monkeypatch.setattr("compass.methods.corners.coarse_shift", misled)
     show(engine, *frames)
     assert engine.counts[CompassStatus.OK] == 5
     assert engine.yaw / PER_PX == pytest.approx(2.5, abs=0.1)
@@ -220,7 +220,7 @@ def test_corners_on_one_side_only_are_not_believed(monkeypatch):
         at = find_corners(picture)
         return at[at[:, 0] < 350]
 
-    monkeypatch.setattr("compass.corners.method.find_corners", to_the_right)
+    monkeypatch.setattr("compass.methods.corners.find_corners", to_the_right)
     engine = compass()
     frames = [as_bytes(driven(sphere(17), 0.02 * k, 0.0, (1.0, 3.0)), NOISE, k) for k in range(6)]
     show(engine, *frames)

@@ -8,14 +8,14 @@ from panoramas import as_bytes, scene, shifted
 from scipy.stats import exponnorm
 
 from compass import CompassConfig
-from compass.corners.density import exponentially_modified
-from compass.corners.motion import AGREE, Motion, parallax_score
-from compass.corners.picture import Picture
-from compass.corners.points import cut_patches, find_corners, sample
-from compass.corners.rays import Projection, Tangents, undo
-from compass.corners.solve import DIRECTION, OUTLIER, TILT_X, TILT_Y, YAW, Problem, Start, ascend, even_shares
-from compass.corners.track import FARTHEST, REACH, track
-from compass.strip import prepare_strip
+from compass.features.bearings import Projection, Tangents, undo
+from compass.features.density import exponentially_modified
+from compass.features.motion import AGREE, Motion, parallax_score
+from compass.features.padded_strip import Picture
+from compass.features.points import cut_patches, find_corners, sample
+from compass.features.solver import DIRECTION, OUTLIER, TILT_X, TILT_Y, YAW, Problem, Start, ascend, even_shares
+from compass.features.tracking import FARTHEST, REACH, track
+from compass.images.strip import prepare_strip
 
 PER_PX = math.tau / 1024
 

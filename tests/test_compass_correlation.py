@@ -8,8 +8,8 @@ import scipy.fft
 from panoramas import as_bytes, scene, shifted
 
 from compass import CompassConfig
-from compass.correlation import continuous_peak, pooled_spectrum, signed
-from compass.strip import Strip, prepare_strip
+from compass.flow.correlation import continuous_peak, pooled_spectrum, signed
+from compass.images.strip import Strip, prepare_strip
 
 WHOLE = CompassConfig(roi_top=0.0, roi_bottom=1.0)
 

@@ -22,7 +22,7 @@ from panoramas import (
 from scipy.spatial.transform import Rotation
 
 from compass import CompassConfig, CompassStatus, VisualCompass
-from compass.attitude import tilt_between
+from compass.tilt import tilt_between
 
 WIDTH, HEIGHT, NOISE = 1024, 512, 2.0
 PER_RAD = WIDTH / math.tau

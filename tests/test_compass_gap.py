@@ -9,11 +9,11 @@ from panoramas import FRAME_NS, PHOTO_NAMES, PHOTOS, START_NS, as_bytes, azimuth
 from scipy.spatial.transform import Rotation
 
 from compass import CompassConfig, CompassStatus, VisualCompass, wrap_angle
-from compass.landmarks import landmarks_of, match_landmarks
-from compass.mask import RobotMask
-from compass.match import Search
-from compass.strip import prepare_strip
-from compass.two_views import evidence, find_motion
+from compass.features.matching import landmarks_of, match_landmarks
+from compass.features.relative_pose import evidence, find_motion
+from compass.images.mask import RobotMask
+from compass.images.strip import prepare_strip
+from compass.methods.match import Search
 from fusion.pipeline import YawPipeline
 
 WIDTH, HEIGHT = 1024, 512

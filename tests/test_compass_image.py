@@ -9,7 +9,7 @@ import pytest
 from panoramas import as_bytes, scene
 
 from compass import ImageError
-from compass.image import image_from_compressed, image_from_raw, to_grey
+from compass.images.decode import image_from_compressed, image_from_raw, to_grey
 
 HEIGHT, WIDTH = 5, 12
 LAYOUTS = {

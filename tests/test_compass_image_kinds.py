@@ -7,7 +7,7 @@ import pytest
 from panoramas import as_bytes, compare, scene, shifted, show
 
 from compass import CompassConfig, CompassStatus, ImageError, VisualCompass
-from compass.strip import prepare_strip
+from compass.images.strip import prepare_strip
 
 METHODS = ("rows", "sectors", "corners")
 WIDTH, STEP = 512, 7.3  # columns

@@ -9,13 +9,13 @@ import pytest
 from panoramas import FRAME_NS, PHOTO_NAMES, PHOTOS, START_NS, as_bytes, azimuths, photo, scene, seen_from, shifted
 
 from compass import CompassConfig, CompassStatus, VisualCompass, wrap_angle
-from compass.alignment import align
-from compass.corners.motion import NEXT_PX
-from compass.corners.rays import Tangents, undo
-from compass.corners.solve import ascend
-from compass.landmarks import Corners, follow_landmarks
-from compass.match import Search
-from compass.strip import prepare_strip
+from compass.features.bearings import Tangents, undo
+from compass.features.matching import Corners, follow_landmarks
+from compass.features.motion import NEXT_PX
+from compass.features.patch_alignment import align
+from compass.features.solver import ascend
+from compass.images.strip import prepare_strip
+from compass.methods.match import Search
 from fusion import FusionConfig, YawPipeline
 
 WIDTH, HEIGHT = 1024, 512
@@ -206,7 +206,7 @@ def test_a_turn_that_the_increments_contradict_is_refused_and_the_view_left(monk
 
     compass, images = VisualCompass(), list(drive(4.0, 20.0))
     assert looked_back(compass, images[: EVERY + 1])[-1]
-    monkeypatch.setattr("compass.look_back.follow_landmarks", misled)
+    monkeypatch.setattr("compass.features.long_baseline.follow_landmarks", misled)
     assert not any(looked_back(compass, images[EVERY + 1 : 2 * EVERY + 1]))
     monkeypatch.undo()
     far = looked_back(compass, images[2 * EVERY + 1 : 3 * EVERY + 1])

@@ -11,9 +11,9 @@ import pytest
 from panoramas import START_NS, as_bytes, compare, scene, seen_from, shifted, show
 
 from compass import CompassConfig, CompassStatus, ConfigError, VisualCompass
-from compass.mask import MARGIN_PX, load_mask
-from compass.sectors import REACH_PX, local_shifts
-from compass.strip import prepare_strip
+from compass.images.mask import MARGIN_PX, load_mask
+from compass.images.strip import prepare_strip
+from compass.methods.sector_median import REACH_PX, local_shifts
 
 WIDTH = 1024
 METHODS = ("rows", "sectors", "corners")

@@ -13,7 +13,7 @@ from panoramas import FRAME_NS, START_NS, as_bytes, scene
 from scipy.spatial.transform import Rotation
 from tiny_bags import TinyDrive
 
-import compass.methods
+import compass.methods.registry
 from compass import CompassConfig, ConfigError, Match, VisualCompass, VisualCompassError, register_method
 from compass.config import METHODS
 from fusion.offline import evaluate
@@ -60,7 +60,7 @@ class Counting:
 @pytest.fixture(autouse=True)
 def registry(monkeypatch):
     """What is registered in one test is unknown in the next."""
-    monkeypatch.setattr(compass.methods, "_own", {})
+    monkeypatch.setattr("compass.methods.registry._own", {})
     monkeypatch.setattr(sys, "path", list(sys.path))
 
 

@@ -7,10 +7,10 @@ import pytest
 from panoramas import as_bytes, compare, scene
 
 from compass import CompassConfig, VisualCompass
-from compass.correlation import correlate_rows
-from compass.match import Search
-from compass.rows import match_rows
-from compass.strip import prepare_strip
+from compass.flow.correlation import correlate_rows
+from compass.images.strip import prepare_strip
+from compass.methods.match import Search
+from compass.methods.row_correlation import match_rows
 
 WHOLE = CompassConfig(method="rows", roi_top=0.0, roi_bottom=1.0)
 ANYWHERE = Search(0.0, math.inf, 0.0)

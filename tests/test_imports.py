@@ -11,6 +11,10 @@ ROOT = Path(__file__).parent.parent
 NUMERICS = {"numpy", "scipy", "cv2"}
 ROOMS = {
     "compass": NUMERICS | {"compass"},
+    "compass/images": NUMERICS | {"compass"},
+    "compass/methods": NUMERICS | {"compass"},
+    "compass/flow": NUMERICS | {"compass"},
+    "compass/features": NUMERICS | {"compass"},
     "fusion": {"numpy", "scipy", "compass", "fusion", "filterpy"},
     "fusion/checks": {"numpy", "compass", "fusion"},
     "fusion/imu": {"numpy", "compass", "fusion"},
@@ -21,10 +25,17 @@ ROOMS = {
 ALSO = {"fusion/bounded_yaml.py": {"yaml"}, "fusion/settings.py": {"yaml"}}
 NEVER = {
     "compass": ("fusion",),
+    "compass/images": ("fusion", "compass.methods", "compass.features"),
+    "compass/methods": ("fusion",),
+    "compass/flow": ("fusion", "compass.features"),
+    "compass/features": ("fusion",),
     "fusion": ("fusion.offline", "fusion.simulation"),
     "fusion/checks": ("fusion.offline", "fusion.simulation"),
     "fusion/imu": ("fusion.offline", "fusion.simulation"),
-    "fusion/simulation": ("fusion.offline",),
+    "fusion/simulation": (
+        *(f"compass.{name}" for name in ("visual_compass", "increment", "tilt", "images", "methods", "flow", "features")),
+        *(f"fusion.{name}" for name in ("filter", "pipeline", "smoother", "samples", "checks", "imu", "offline")),
+    ),
 }
 HIDDEN = ("rclpy", "sensor_msgs", "nav_msgs", "std_msgs", "diagnostic_msgs", "builtin_interfaces", "nodes")
 FILES = [(room, file) for room in ROOMS for file in sorted((ROOT / room).glob("*.py"))]

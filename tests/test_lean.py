@@ -10,7 +10,7 @@ from robot_drive import fuse, robot_drive
 from scipy.spatial.transform import Rotation
 
 from compass import CompassConfig, VisualCompass, YawIncrement
-from compass.attitude import Tilted, beyond_error
+from compass.tilt import Tilted, beyond_error
 from fusion import GyroSample, OdometrySample, YawFusion
 from fusion.ekf import State
 from fusion.imu.level import ImuConfig, ImuLevel

@@ -9,8 +9,8 @@ import pytest
 from tiny_bags import TinyBag, TinyDrive, fill
 
 from compass import VisualCompass
-from compass.mask import load_mask
-from compass.sectors import SectorShifts
+from compass.images.mask import load_mask
+from compass.methods.sector_median import SectorShifts
 from fusion.offline.cli import main
 from fusion.offline.scores import COMPASS, FUSED
 from fusion.offline.surroundings import body_top, forward_column, static_pixels

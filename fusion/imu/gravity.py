@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from compass.attitude import Vector
+from compass.tilt import Vector
 from fusion.imu.vectors import cross, dot, turned, unit, vector
 
 LONGEST_STEP_NS = 500_000_000  # over a longer silence the turn is unknown: the accelerometer alone decides

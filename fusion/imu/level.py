@@ -6,8 +6,8 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from compass.attitude import Vector
 from compass.parameters import ParameterSet, parameter
+from compass.tilt import Vector
 from fusion.checks.warnings import Warning
 from fusion.events import FASTEST
 from fusion.imu.complaints import Complaints

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from compass.attitude import Vector
+from compass.tilt import Vector
 from fusion.imu.gravity import LONGEST_STEP_NS
 from fusion.imu.vectors import dot, turned, unit
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from compass.attitude import Vector
+from compass.tilt import Vector
 from fusion.imu.gravity import LONGEST_STEP_NS
 from fusion.imu.vectors import AXES, cross, dot, unit
 

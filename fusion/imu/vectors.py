@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from compass.attitude import Vector
+from compass.tilt import Vector
 
 AXES: dict[str, Vector] = {
     "+x": (1.0, 0.0, 0.0),

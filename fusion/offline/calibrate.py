@@ -15,10 +15,10 @@ import numpy.typing as npt
 import yaml
 
 from compass import CompassConfig, VisualCompass, wrap_angle
-from compass.image import to_grey
-from compass.mask import load_mask
-from compass.sectors import SectorShifts, local_shifts
-from compass.strip import prepare_strip
+from compass.images.decode import to_grey
+from compass.images.mask import load_mask
+from compass.images.strip import prepare_strip
+from compass.methods.sector_median import SectorShifts, local_shifts
 from fusion.offline.agreement import contradiction
 from fusion.offline.bag import Bag, BagError
 from fusion.offline.console import progress_bar

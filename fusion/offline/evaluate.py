@@ -14,9 +14,9 @@ import cv2
 import numpy as np
 
 from compass import VisualCompass, YawIncrement, wrap_angle
-from compass.attitude import Vector
 from compass.config import METHODS
-from compass.methods import MethodEntry, adopt_methods, find_method, own_methods
+from compass.methods.registry import MethodEntry, adopt_methods, find_method, own_methods
+from compass.tilt import Vector
 from fusion import Warning
 from fusion.offline.bag import Bag, BagError
 from fusion.offline.console import progress_bar

@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from compass.errors import VisualCompassError
-from compass.methods import find_method
+from compass.methods.registry import find_method
 from fusion.offline.accuracy import HEADLINES, SECTION, accuracy_section, headline_section
 from fusion.offline.bag import BagError
 from fusion.offline.console import table

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from compass import CompassConfig, ImageError
-from compass.image import Image, to_grey
+from compass.images.decode import Image, to_grey
 from fusion.messages import image_of
 from fusion.offline.bag import COMPRESSED_IMAGE, IMAGE, IMU, ODOMETRY, Bag, BagError, Topic
 from fusion.offline.clock_steps import YEAR_2200_NS

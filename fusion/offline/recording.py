@@ -15,9 +15,9 @@ from typing import Any, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from compass.attitude import Vector
 from compass.errors import ImageError
-from compass.image import Image
+from compass.images.decode import Image
+from compass.tilt import Vector
 from fusion.checks.warnings import Warning, WarningLog, most_serious_first
 from fusion.events import Sensor
 from fusion.imu.level import ImuConfig, ImuLevel

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from compass.sectors import SectorShifts
+from compass.methods.sector_median import SectorShifts
 from fusion.offline.recording import Floats
 
 Mask = npt.NDArray[np.bool_]

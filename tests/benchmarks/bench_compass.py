@@ -30,9 +30,9 @@ from rich.table import Table
 
 from compass import CompassConfig, VisualCompass, wrap_angle
 from compass.config import METHODS
-from compass.landmarks import follow_landmarks, match_landmarks
-from compass.match import Method, Search
-from compass.strip import prepare_strip
+from compass.features.matching import follow_landmarks, match_landmarks
+from compass.images.strip import prepare_strip
+from compass.methods.match import Method, Search
 from compass.visual_compass import UpAt
 from fusion.offline.markdown import markdown_table, write_section
 

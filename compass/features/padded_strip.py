@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from compass.strip import Pixels, Strip
+from compass.images.strip import Pixels, Strip
 
 Grey = npt.NDArray[np.uint8]
 

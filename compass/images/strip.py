@@ -11,10 +11,10 @@ import numpy as np
 import numpy.typing as npt
 import scipy.fft
 
-from compass.attitude import Vector
 from compass.config import CompassConfig
-from compass.image import Image, to_grey
-from compass.mask import RobotMask, Seen
+from compass.images.decode import Image, to_grey
+from compass.images.mask import RobotMask, Seen
+from compass.tilt import Vector
 
 Pixels = npt.NDArray[np.float32]
 Spectrum = npt.NDArray[np.complex64]

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from compass.correlation import Peak, continuous_peak, pooled_spectrum
-from compass.strip import Spectrum, Strip
+from compass.flow.correlation import Peak, continuous_peak, pooled_spectrum
+from compass.images.strip import Spectrum, Strip
 
 MASKED_ERROR_PX = 0.007  # what the edges of a mask, which stay, leave in all rows pooled
 SIGNIFICANT = 1.0  # deviations of chi-square by which bands must lie apart to count: white noise passes one in six

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from compass.errors import ConfigError
 
 if TYPE_CHECKING:
-    from compass.match import Method
+    from compass.methods.match import Method
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,10 +42,10 @@ class MethodEntry:
 
 
 OURS = {
-    "rows": MethodEntry("compass.rows:match_rows"),
-    "sectors": MethodEntry("compass.sectors:match_sectors"),
+    "rows": MethodEntry("compass.methods.row_correlation:match_rows"),
+    "sectors": MethodEntry("compass.methods.sector_median:match_sectors"),
     # tracks of 8 columns are no worse than those of 3, and three keyframes' errors are one
-    "corners": MethodEntry("compass.corners.method:CornerTracker", keyframe_spread=8.0, long_baseline=True),
+    "corners": MethodEntry("compass.methods.corners:CornerTracker", keyframe_spread=8.0, long_baseline=True),
 }
 ALIASES = {"row_correlation": "rows", "sector_median": "sectors", "parallax": "corners"}
 _own: dict[str, MethodEntry] = {}

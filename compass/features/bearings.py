@@ -13,8 +13,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from compass.corners.points import Floats
-from compass.strip import Strip
+from compass.features.points import Floats
+from compass.images.strip import Strip
 
 FLOOR_PX = 0.02  # deviation of a track that its patch does not know of, columns
 Complexes = npt.NDArray[np.complexfloating]
@@ -66,7 +66,7 @@ class Projection:
         Returns
         -------
         (2, n) complex array
-            As `compass.corners.solve.Problem` has them.
+            As `compass.features.solver.Problem` has them.
         """
         column, row = np.hypot(*directions[:2]) * self.per_column, self.per_row
         least = (FLOOR_PX * self.per_column) ** 2

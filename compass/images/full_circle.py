@@ -17,8 +17,8 @@ import numpy as np
 import numpy.typing as npt
 import scipy.fft
 
-from compass.image import Image, to_grey
-from compass.strip import Pixels, Strip
+from compass.images.decode import Image, to_grey
+from compass.images.strip import Pixels, Strip
 
 EVERY = 5  # images from one that is looked at to the next, up to the first verdict
 LATER = 50  # and after it: a look takes half as long as an update

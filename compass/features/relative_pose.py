@@ -13,7 +13,7 @@ from operator import attrgetter
 import numpy as np
 
 from compass.angles import wrap_angle
-from compass.correlation import Floats
+from compass.flow.correlation import Floats
 
 DRAWS = 150  # pairs of directions; each gives two turns, and travel ahead or back
 COUNTED = 200  # directions that judge what was drawn

@@ -12,7 +12,7 @@ import math
 import numpy as np
 from scipy.special import erfcx
 
-from compass.corners.points import Floats
+from compass.features.points import Floats
 
 CERTAIN = 12.0  # deviations above which the normal part is no longer felt: its distribution is 1 there to 1e-33
 

@@ -6,8 +6,8 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from compass.images.strip import Strip
 from compass.increment import CompassStatus
-from compass.strip import Strip
 
 
 @dataclass(frozen=True, slots=True)

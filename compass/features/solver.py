@@ -14,9 +14,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from compass.corners.density import exponentially_modified
-from compass.corners.points import Floats
-from compass.corners.rays import Complexes, Tangents, undo
+from compass.features.bearings import Complexes, Tangents, undo
+from compass.features.density import exponentially_modified
+from compass.features.points import Floats
 
 YAW, TILT_X, TILT_Y, DIRECTION, CLIMB = range(5)
 ROTATION = slice(0, 3)

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from compass.config import CompassConfig
 from compass.errors import ConfigError, ImageError
 from compass.files import read_bounded
-from compass.image import MOST_PIXELS, image_from_compressed
+from compass.images.decode import MOST_PIXELS, image_from_compressed
 
 Weights = npt.NDArray[np.float32]
 

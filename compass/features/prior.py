@@ -6,9 +6,9 @@ import math
 
 import numpy as np
 
-from compass.attitude import tilt_between
-from compass.corners.points import Floats
-from compass.strip import Strip
+from compass.features.points import Floats
+from compass.images.strip import Strip
+from compass.tilt import tilt_between
 
 TILT_SIGMA = math.radians(3.0)  # of the scene between two views, beside what an IMU tells
 CLIMB_SIGMA = math.radians(4.0)  # of the direction of travel against the camera's level
@@ -34,6 +34,6 @@ def told_tilt(reference: Strip, current: Strip, turn: float) -> tuple[float, flo
 def tilt_error(reference: Strip, tilt: tuple[float, float]) -> float:
     """Standard deviation of a yaw, rad, from what a tilt has to do with it: that depends on how the camera leans.
 
-    See `compass.attitude`.
+    See `compass.tilt`.
     """
     return (UNKNOWN_LEAN if reference.up is None else LEAN_SIGMA) * math.hypot(*tilt)

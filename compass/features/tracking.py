@@ -13,9 +13,9 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from compass.corners.picture import HALF, MARGIN, Picture
-from compass.corners.points import WINDOW, Patches, levelled, sample
-from compass.strip import Pixels
+from compass.features.padded_strip import HALF, MARGIN, Picture
+from compass.features.points import WINDOW, Patches, levelled, sample
+from compass.images.strip import Pixels
 
 Index = npt.NDArray[np.intp]
 

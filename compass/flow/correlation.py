@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 import scipy.fft
 
-from compass.strip import UPRIGHT_ROWS, Strip
+from compass.images.strip import UPRIGHT_ROWS, Strip
 
 Floats = npt.NDArray[np.floating]
 

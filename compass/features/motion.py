@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from compass.corners.points import SECTORS, Floats
-from compass.corners.rays import Index
-from compass.corners.solve import CLIMB, DIRECTION, YAW, Fit, Problem, Start, ascend, even_shares
+from compass.features.bearings import Index
+from compass.features.points import SECTORS, Floats
+from compass.features.solver import CLIMB, DIRECTION, YAW, Fit, Problem, Start, ascend, even_shares
 
 DIRECTIONS = 6  # of travel that are tried where none is known: a basin of attraction is wider than 60 deg
 # Of the corners must be inliers for a motion to be taken without trying others, a turn without travel, too. With 0.8,

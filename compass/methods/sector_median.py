@@ -8,11 +8,11 @@ from functools import lru_cache
 import numpy as np
 from scipy.interpolate import make_interp_spline
 
-from compass.coarse import coarse_shift, quantile
-from compass.correlation import Floats, pooled_spectrum, signed
-from compass.match import Match, Search
-from compass.strip import Pixels, Strip
-from compass.turn import pooled_turn, turn_variance
+from compass.flow.coarse_shift import coarse_shift, quantile
+from compass.flow.correlation import Floats, pooled_spectrum, signed
+from compass.flow.pure_turn import pooled_turn, turn_variance
+from compass.images.strip import Pixels, Strip
+from compass.methods.match import Match, Search
 
 SECTORS, PER_CIRCLE = 32, 8.0  # Hann windows an eighth of the circle wide, a quarter of that apart
 REACH_PX = 20  # how far a sector may lie from the coarse shift, columns

@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from compass.corners.picture import HALF, MARGIN, Picture
-from compass.strip import Pixels
+from compass.features.padded_strip import HALF, MARGIN, Picture
+from compass.images.strip import Pixels
 
 Floats = npt.NDArray[np.floating]
 

@@ -11,20 +11,20 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from compass.angles import wrap_angle
-from compass.coarse import CoarseShift, coarse_shift, quantile
-from compass.corners.motion import AGREE, Motion, yaw_variance
-from compass.corners.picture import HALF, Picture
-from compass.corners.points import Floats, Patches, cut_patches, find_corners, sectors_of
-from compass.corners.prior import DISAGREE, FEWEST, LEVEL, LOCK_PX, precision_of, tilt_error, told_tilt
-from compass.corners.rays import Projection, Tangents, undo
-from compass.corners.solve import CLIMB, DIRECTION, ROTATION, YAW, Fit, Problem
-from compass.corners.track import Tracks, track
-from compass.correlation import signed, upright_spectrum
+from compass.features.bearings import Projection, Tangents, undo
+from compass.features.motion import AGREE, Motion, yaw_variance
+from compass.features.padded_strip import HALF, Picture
+from compass.features.points import Floats, Patches, cut_patches, find_corners, sectors_of
+from compass.features.prior import DISAGREE, FEWEST, LEVEL, LOCK_PX, precision_of, tilt_error, told_tilt
+from compass.features.solver import CLIMB, DIRECTION, ROTATION, YAW, Fit, Problem
+from compass.features.tracking import Tracks, track
+from compass.flow.coarse_shift import CoarseShift, coarse_shift, quantile
+from compass.flow.correlation import signed, upright_spectrum
+from compass.flow.pure_turn import pooled_turn, turn_variance
+from compass.images.strip import Strip
 from compass.increment import CompassStatus
-from compass.match import Match, Search
-from compass.sectors import match_small
-from compass.strip import Strip
-from compass.turn import pooled_turn, turn_variance
+from compass.methods.match import Match, Search
+from compass.methods.sector_median import match_small
 
 NARROWEST = 256  # columns; with fewer a patch is larger than what it shows
 LOWEST = 4 * HALF  # rows

@@ -1,6 +1,6 @@
 """The turn between two views that are seconds and metres apart, by corners that both show.
 
-ORB corners tell which is which; the motion that explains their ways is found as between neighbours (`compass.corners`),
+ORB corners tell which is which; the motion that explains their ways is found as between neighbours,
 then once more from where their surroundings are to hundredths of a pixel. Where the turn is not known, a view is
 believed to show the same place only if the corners say so far better than chance would, and if those that look alike
 say nothing else: a corridor may look the same ahead and behind.
@@ -16,20 +16,20 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from compass.alignment import align
 from compass.angles import wrap_angle
-from compass.corners.motion import DIRECTIONS, FIRST_PX, NEXT_PX, doubt, yaw_variance
-from compass.corners.picture import MARGIN, Picture
-from compass.corners.points import sectors_of
-from compass.corners.prior import DISAGREE, FEWEST, LOCK_PX, precision_of, tilt_error, told_tilt
-from compass.corners.rays import Projection, Tangents
-from compass.corners.solve import DIRECTION, ROTATION, YAW, Fit, Problem, Start, ascend, even_shares
-from compass.corners.track import ALIKE
-from compass.correlation import Floats
+from compass.features.bearings import Projection, Tangents
+from compass.features.motion import DIRECTIONS, FIRST_PX, NEXT_PX, doubt, yaw_variance
+from compass.features.padded_strip import MARGIN, Picture
+from compass.features.patch_alignment import align
+from compass.features.points import sectors_of
+from compass.features.prior import DISAGREE, FEWEST, LOCK_PX, precision_of, tilt_error, told_tilt
+from compass.features.relative_pose import NEAR, Motion, evidence, find_motion, misses
+from compass.features.solver import DIRECTION, ROTATION, YAW, Fit, Problem, Start, ascend, even_shares
+from compass.features.tracking import ALIKE
+from compass.flow.correlation import Floats
+from compass.images.strip import Strip
 from compass.increment import CompassStatus
-from compass.match import Match, Search
-from compass.strip import Strip
-from compass.two_views import NEAR, Motion, evidence, find_motion, misses
+from compass.methods.match import Match, Search
 
 Indices = npt.NDArray[np.intp]
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from compass.correlation import correlate_rows, signed
-from compass.match import Match, Search
-from compass.strip import Strip
+from compass.flow.correlation import correlate_rows, signed
+from compass.images.strip import Strip
+from compass.methods.match import Match, Search
 
 
 def match_rows(reference: Strip, current: Strip, search: Search) -> Match:

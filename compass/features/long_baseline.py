@@ -9,13 +9,13 @@ from dataclasses import dataclass
 from functools import partial
 
 from compass.angles import wrap_angle
-from compass.attitude import Tilted
 from compass.config import CompassConfig
-from compass.corners.prior import DISAGREE
+from compass.features.matching import follow_landmarks
+from compass.features.prior import DISAGREE
+from compass.images.strip import Strip
 from compass.increment import CompassStatus, YawIncrement
-from compass.landmarks import follow_landmarks
-from compass.match import Search
-from compass.strip import Strip
+from compass.methods.match import Search
+from compass.tilt import Tilted
 
 Look = Callable[[], YawIncrement | None]
 OLDEST_NS = 4_000_000_000  # no further back

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.fft
 
-from compass.correlation import Floats, signed
+from compass.flow.correlation import Floats, signed
+from compass.images.strip import Spectrum
 from compass.increment import CompassStatus
-from compass.match import Search
-from compass.strip import Spectrum
+from compass.methods.match import Search
 
 # In seven drives, held out and tuned, no peak beyond reach is higher than the one within, and rivals, where reach is so
 # wide, are at most 0.39 as high; a place that repeats itself has one within its noise of 1.

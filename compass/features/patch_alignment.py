@@ -9,8 +9,8 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from compass.correlation import Floats
-from compass.strip import Pixels
+from compass.flow.correlation import Floats
+from compass.images.strip import Pixels
 
 REACH = 7  # pixels from the middle of a patch to its edge
 _ACROSS, _DOWN = (one.ravel() for one in np.meshgrid(*[np.arange(-REACH, REACH + 1, dtype=np.float32)] * 2))

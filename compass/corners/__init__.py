@@ -1,1 +1,0 @@
-"""Yaw from tracked corners, whose parallax has one sign: see `method`."""

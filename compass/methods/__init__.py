@@ -1,0 +1,1 @@
+"""The methods by which two strips are compared: one file each, found by name in `registry`."""
