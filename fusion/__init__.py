@@ -5,10 +5,10 @@ from typing import TYPE_CHECKING
 from compass.lazy import lazy_names
 
 if TYPE_CHECKING:
+    from fusion.buffer.events import Sensor
+    from fusion.checks.gate import SensorReport, Verdict
     from fusion.checks.warnings import Warning
     from fusion.config import FusionConfig
-    from fusion.events import Sensor
-    from fusion.gating import SensorReport, Verdict
     from fusion.pipeline import YawFusion, YawPipeline
     from fusion.samples import GyroSample, OdometrySample, YawEstimate
     from fusion.smoother import smooth
@@ -31,10 +31,10 @@ __getattr__, __dir__ = lazy_names(
     __name__,
     {
         "FusionConfig": "config",
-        "Sensor": "events",
+        "Sensor": "buffer.events",
         "Warning": "checks.warnings",
-        "SensorReport": "gating",
-        "Verdict": "gating",
+        "SensorReport": "checks.gate",
+        "Verdict": "checks.gate",
         "YawFusion": "pipeline",
         "YawPipeline": "pipeline",
         "GyroSample": "samples",

@@ -13,21 +13,21 @@ import numpy as np
 
 from compass import YawIncrement, wrap_angle
 from compass.tilt import beyond_error
-from fusion.agreement import Agreement
-from fusion.checks.comparison import Comparison
-from fusion.checks.explain import adds_up
-from fusion.checks.turns import FASTEST, SILENT_NS, WINDOW_NS
-from fusion.clones import Clone
+from fusion.buffer.events import CompassEvent, FusionEvent, GyroEvent, HeadingEvent, Sensor, TracksEvent
+from fusion.checks.diagnosis import adds_up
+from fusion.checks.gate import Verdict, gate_limit
+from fusion.checks.windows import FASTEST, SILENT_NS, WINDOW_NS
 from fusion.config import FusionConfig
-from fusion.ekf import YAWS, Correction, Measurement, State, Transition, YawEkf
-from fusion.events import CompassEvent, FusionEvent, GyroEvent, HeadingEvent, Sensor, TracksEvent
-from fusion.filter_state import FilterState, believed, exposure_of
-from fusion.gating import Verdict, gate_limit
-from fusion.lean import LEAN_ERROR, BiasGain, heading_change
-from fusion.noise import LearntNoise
+from fusion.imu.tilt import LEAN_ERROR, BiasGain, heading_change
 from fusion.samples import GyroSample
-from fusion.standstill import Stillness
-from fusion.tracks import TrackClaim
+from fusion.state.bias_prior import Agreement
+from fusion.state.clones import Clone
+from fusion.state.ekf import YAWS, Correction, Measurement, State, Transition, YawEkf
+from fusion.state.filter_state import FilterState, believed, exposure_of
+from fusion.state.learnt_noise import LearntNoise
+from fusion.updates.fault_isolation import Comparison
+from fusion.updates.odometry_source import TrackClaim
+from fusion.updates.standstill import Stillness
 
 GYRO_MEMORY = 3000.0  # gyro samples; half a minute of them, legs of straight driving and turns
 TRACK_MEMORY = 300.0  # turns of the tracks; some minutes

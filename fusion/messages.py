@@ -9,7 +9,7 @@ from typing import Any
 from compass.errors import VisualCompassError
 from compass.images.decode import Image, image_from_compressed, image_from_raw
 from compass.tilt import Vector
-from fusion.imu.level import ImuLevel
+from fusion.imu.levelling import ImuLevel
 from fusion.samples import GyroSample, OdometrySample
 
 NO_GYRO = "Imu without angular velocity (covariance -1, NaN, or exact zeros in turn with the accelerations)"

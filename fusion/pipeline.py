@@ -12,15 +12,7 @@ from typing import Any
 import numpy.typing as npt
 
 from compass import CompassConfig, YawIncrement
-from fusion.checks.clocks import ABANDONED_NS, BACKLOG_NS, LONE_NS, ClockWatch, Elsewhen, StampSequence, confirmed
-from fusion.checks.faulty import FaultWatch
-from fusion.checks.gaps import GapWatch
-from fusion.checks.images import image_warnings
-from fusion.checks.refusal_share import RefusalWatch
-from fusion.checks.silence import SilenceWatch
-from fusion.checks.warnings import Warning, WarningLog, most_serious_first
-from fusion.config import FusionConfig
-from fusion.events import (
+from fusion.buffer.events import (
     CompassEvent,
     FusionEvent,
     Sample,
@@ -32,12 +24,20 @@ from fusion.events import (
     reference_of,
     sensor_of,
 )
+from fusion.buffer.replay import Arrival, Timeline
+from fusion.checks.faulty import FaultWatch
+from fusion.checks.gaps import GapWatch
+from fusion.checks.gate import SensorReport
+from fusion.checks.images import image_warnings
+from fusion.checks.refusal_share import RefusalWatch
+from fusion.checks.silence import SilenceWatch
+from fusion.checks.stamps import ABANDONED_NS, BACKLOG_NS, LONE_NS, ClockWatch, Elsewhen, StampSequence, confirmed
+from fusion.checks.warnings import Warning, WarningLog, most_serious_first
+from fusion.config import FusionConfig
 from fusion.filter import YawFilter
-from fusion.filter_state import FilterState, estimate_of
-from fusion.gating import SensorReport
-from fusion.lean import LeanLog
+from fusion.imu.tilt import LeanLog
 from fusion.samples import GyroSample, YawEstimate
-from fusion.timeline import Arrival, Timeline
+from fusion.state.filter_state import FilterState, estimate_of
 
 log = logging.getLogger(__name__)
 SHORTEST_REACH_NS = 1_000_000_000  # a stamp off by less does no harm that lasts

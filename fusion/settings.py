@@ -17,7 +17,7 @@ from compass.files import read_bounded
 from compass.parameters import ParameterSet, ParameterSpec, Value, parameter, shown
 from fusion.bounded_yaml import YamlError, parse_yaml
 from fusion.config import FusionConfig
-from fusion.imu.level import ImuConfig
+from fusion.imu.levelling import ImuConfig
 
 NODE = "visual_compass"
 _NODES = ("/**", NODE, "compass_node", "fusion_node")  # later ones override earlier ones

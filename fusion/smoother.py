@@ -14,10 +14,7 @@ from operator import attrgetter
 
 import numpy as np
 
-from fusion.checks.unconfirmed import LONGEST_NS
-from fusion.config import FusionConfig
-from fusion.ekf import DIM, Array, Correction, Transition
-from fusion.events import (
+from fusion.buffer.events import (
     CompassEvent,
     FusionEvent,
     Sample,
@@ -27,9 +24,12 @@ from fusion.events import (
     reference_of,
     sensor_of,
 )
+from fusion.checks.unconfirmed import LONGEST_NS
+from fusion.config import FusionConfig
 from fusion.filter import YawFilter
-from fusion.filter_state import FilterState, estimate_of
 from fusion.samples import YawEstimate
+from fusion.state.ekf import DIM, Array, Correction, Transition
+from fusion.state.filter_state import FilterState, estimate_of
 
 LINEAR = 1e-4  # of a variance; what the filter's second-order terms leave of it is not known better
 SEGMENT = 1000  # events whose matrices are kept at a time; their states are filtered twice

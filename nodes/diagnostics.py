@@ -13,8 +13,8 @@ from rclpy.node import Node
 
 from compass import VisualCompass
 from fusion import Sensor, SensorReport, Warning, YawEstimate
-from fusion.filter_state import FilterState
-from fusion.lean import lean_angle
+from fusion.imu.tilt import lean_angle
+from fusion.state.filter_state import FilterState
 from nodes.health import Level, StreamHealth
 from nodes.throttled_log import ThrottledLog, surviving
 from nodes.transport import compressed_topic

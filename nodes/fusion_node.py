@@ -15,10 +15,10 @@ from std_srvs.srv import Empty
 
 from compass import YawIncrement
 from fusion import Sensor, Verdict, YawPipeline
-from fusion.events import fault_of, sensor_of
+from fusion.buffer.events import fault_of, sensor_of
+from fusion.imu.levelling import ImuLevel
 from fusion.messages import gyro_sample, odometry_sample
 from fusion.settings import Settings
-from fusion.vertical import ImuLevel
 from nodes.compass_stream import CompassStream
 from nodes.conversions import fused_odometry, pose_yaw
 from nodes.diagnostics import (

@@ -14,10 +14,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from fusion.lean import heading_gain
+from fusion.imu.levelling import ImuConfig, ImuLevel
+from fusion.imu.tilt import heading_gain
 from fusion.offline.bag import Bag
 from fusion.offline.bag_writer import BagWriter
-from fusion.vertical import ImuConfig, ImuLevel
 
 DATA = Path(__file__).parent.parent.parent / "shared" / "data"
 HUSKY, PHOTOS = DATA / "husky.bag", DATA / "panoramas"

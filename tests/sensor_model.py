@@ -9,7 +9,7 @@ from scipy.linalg import expm
 
 from compass import YawIncrement, wrap_angle
 from fusion import FusionConfig, GyroSample, OdometrySample
-from fusion.ekf import DELAY_WALK, LASTING
+from fusion.state.ekf import DELAY_WALK, LASTING
 
 GRID_HZ = 100
 SENSORS = ("gyro", "tracks", "compass")

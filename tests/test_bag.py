@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from tiny_bags import START_NS, TinyBag, TinyDrive, fill
 
+from fusion.imu.levelling import ImuConfig
 from fusion.offline.bag import Bag, BagError, Message
 from fusion.offline.bag_writer import BagWriter
 from fusion.offline.recording import BagRecording, in_order, read_recording
 from fusion.offline.topics import TopicChoice, TopicRequest, choose_topics
 from fusion.settings import TopicSettings
-from fusion.vertical import ImuConfig
 
 HUSKY = Path(__file__).parent.parent.parent / "shared" / "data" / "husky.bag"
 DRIVE = TinyDrive()

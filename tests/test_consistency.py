@@ -14,9 +14,9 @@ from sensor_model import SUBSETS, drawn_drive, far_increments
 
 from compass import YawIncrement
 from fusion import FusionConfig, Sensor, YawFusion
-from fusion.events import event_of, reference_of
+from fusion.buffer.events import event_of, reference_of
 from fusion.filter import YawFilter
-from fusion.noise import STRAYS, LearntNoise
+from fusion.state.learnt_noise import STRAYS, LearntNoise
 
 DRIVES = 100
 STARTS = [math.radians(d) for d in (0.0, 60.0, 180.0, -120.0)] + [math.pi - 1e-6, 1e-6 - math.pi]

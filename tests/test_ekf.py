@@ -9,9 +9,9 @@ from sensor_model import turning_noise
 
 from compass import wrap_angle
 from fusion import FusionConfig
-from fusion.bounds import ROUNDING
-from fusion.ekf import CLONES, DIM, LASTING, TURNING, YAWS, State, YawEkf
-from fusion.lean import BiasGain
+from fusion.imu.tilt import BiasGain
+from fusion.state.bounds import ROUNDING
+from fusion.state.ekf import CLONES, DIM, LASTING, TURNING, YAWS, State, YawEkf
 
 
 @pytest.fixture

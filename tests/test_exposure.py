@@ -7,9 +7,9 @@ import pytest
 
 from compass import YawIncrement, wrap_angle
 from fusion import FusionConfig, GyroSample, OdometrySample, Sensor, YawFusion
-from fusion.ekf import DIM, State, YawEkf
-from fusion.exposure import LONGEST_NS, GyroTrail
-from fusion.noise import STRAYS, LearntNoise
+from fusion.state.ekf import DIM, State, YawEkf
+from fusion.state.learnt_noise import STRAYS, LearntNoise
+from fusion.updates.image_timing import LONGEST_NS, GyroTrail
 
 SECOND = 10**9
 

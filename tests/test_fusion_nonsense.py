@@ -9,7 +9,7 @@ import pytest
 
 from compass import YawIncrement
 from fusion import FusionConfig, GyroSample, OdometrySample, YawFusion, YawPipeline
-from fusion.vertical import ImuConfig, ImuLevel
+from fusion.imu.levelling import ImuConfig, ImuLevel
 
 STEP_NS = 10_000_000
 NONSENSE = {

@@ -10,13 +10,13 @@ from hypothesis import strategies as st
 
 from compass import YawIncrement, wrap_angle
 from fusion import FusionConfig, GyroSample, OdometrySample, YawFusion
-from fusion.bounds import LOST
-from fusion.ekf import State, YawEkf
-from fusion.events import event_of, reference_of
+from fusion.buffer.events import event_of, reference_of
 from fusion.filter import YawFilter
-from fusion.filter_state import estimate_of
-from fusion.motion import integrate_gauss_markov
 from fusion.smoother import smooth
+from fusion.state.bounds import LOST
+from fusion.state.ekf import State, YawEkf
+from fusion.state.filter_state import estimate_of
+from fusion.state.process_models import integrate_gauss_markov
 
 SENSORS = "gtc"  # gyro, tracks, compass
 FIELDS = {f.name: f for f in dataclasses.fields(FusionConfig) if f.name not in ("lag_window", "reference_window")}

@@ -8,7 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 from tiny_bags import START_NS
 
-from fusion.imu.level import ImuConfig, ImuLevel
+from fusion.imu.levelling import ImuConfig, ImuLevel
 from fusion.messages import MessageError, gyro_sample, odometry_sample
 from fusion.offline.bag import Bag
 from fusion.offline.bag_writer import BagWriter

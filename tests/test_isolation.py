@@ -4,10 +4,10 @@ import math
 
 import pytest
 
+from fusion.buffer.events import Sensor
 from fusion.checks.isolation import Isolation, Third
-from fusion.checks.judge import judge
-from fusion.checks.turns import Claim, Window
-from fusion.events import Sensor
+from fusion.checks.isolation_rules import judge
+from fusion.checks.windows import Claim, Window
 
 S = 500_000_000  # ns, a window
 

@@ -12,11 +12,11 @@ from scipy.spatial.transform import Rotation
 from compass import CompassConfig, VisualCompass, YawIncrement
 from compass.tilt import Tilted, beyond_error
 from fusion import GyroSample, OdometrySample, YawFusion
-from fusion.ekf import State
-from fusion.imu.level import ImuConfig, ImuLevel
-from fusion.lean import LEAN_ERROR, BiasGain, LeanLog, heading_change, heading_gain
+from fusion.imu.levelling import ImuConfig, ImuLevel
+from fusion.imu.tilt import LEAN_ERROR, BiasGain, LeanLog, heading_change, heading_gain
 from fusion.offline.summary import remarks
-from fusion.tracks import TrackVoice
+from fusion.state.ekf import State
+from fusion.updates.odometry_source import TrackVoice
 
 DEG = math.radians(1.0)
 BIAS = np.array([0.004, -0.005, 0.003])  # rad/s, of a gyro's three axes

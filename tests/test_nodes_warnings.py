@@ -29,7 +29,7 @@ from ros_harness import (
 from sensor_msgs.msg import Image, Imu
 
 from fusion import Sensor, Warning
-from fusion.vertical import ImuLevel
+from fusion.imu.levelling import ImuLevel
 from nodes.compass_node import CompassNode
 from nodes.diagnostics import warned
 from nodes.fusion_node import FusionNode

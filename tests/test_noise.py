@@ -9,8 +9,8 @@ from robot_drive import robot_drive
 
 from compass import YawIncrement
 from fusion import GyroSample, OdometrySample, YawFusion
-from fusion.agreement import Agreement
-from fusion.noise import FACTORS, LearntNoise
+from fusion.state.bias_prior import Agreement
+from fusion.state.learnt_noise import FACTORS, LearntNoise
 
 
 @pytest.mark.parametrize("factor", [0.125, 0.5, 2.0])

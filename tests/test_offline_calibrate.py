@@ -12,8 +12,8 @@ from compass import VisualCompass
 from compass.images.mask import load_mask
 from compass.methods.sector_median import SectorShifts
 from fusion.offline.cli import main
+from fusion.offline.mounting import body_top, forward_column, static_pixels
 from fusion.offline.scores import COMPASS, FUSED
-from fusion.offline.surroundings import body_top, forward_column, static_pixels
 from fusion.settings import load_settings
 
 COLUMNS = 1024

@@ -6,11 +6,11 @@ import math
 import pytest
 
 from fusion.offline import evaluation
+from fusion.offline.atomic_output import OutputError
 from fusion.offline.cli import main
 from fusion.offline.evaluate import Honesty, Outcome
 from fusion.offline.markdown import markdown_table, write_section
 from fusion.offline.scores import FUSED, GYRO, Score
-from fusion.offline.staging import OutputError
 
 
 def test_table_of_markdown_has_a_line_of_marks():

@@ -11,13 +11,13 @@ from pathlib import Path
 import pytest
 from tiny_bags import TinyBag, TinyDrive, fill
 
+from fusion.offline.atomic_output import OutputError, scratch_folder, staged_file, staged_folder
 from fusion.offline.cli import main
-from fusion.offline.staging import OutputError, scratch_folder, staged_file, staged_folder
 
 HOLD = """
 import sys, time
 from pathlib import Path
-from fusion.offline.staging import staged_folder
+from fusion.offline.atomic_output import staged_folder
 with staged_folder(Path(sys.argv[1])) as staging:
     (staging / "half").write_text("written")
     print(staging, flush=True)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from fusion.imu.level import ImuConfig, ImuLevel
+from fusion.imu.levelling import ImuConfig, ImuLevel
 
 RATE_HZ = 100
 MOUNTS = {

@@ -158,7 +158,8 @@ def test_licence_is_the_same_everywhere():
 def test_every_package_of_the_distribution_is_typed():
     """mypy takes a package's annotations only where it finds the marker, which has to be among the package's data."""
     project = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
-    listed = re.findall(r'"([a-z.]+)"', re.search(r"^packages = \[(.+?)\]$", project, re.MULTILINE | re.DOTALL).group(1))
+    packages = re.search(r"^packages = \[(.+?)\]$", project, re.MULTILINE | re.DOTALL).group(1)
+    listed = re.findall(r'"([a-z.]+)"', packages)
     assert {name.split(".")[0] for name in listed} == {"compass", "fusion", "nodes"}
     for name in {name.split(".")[0] for name in listed}:
         assert f'{name} = ["py.typed"]' in project

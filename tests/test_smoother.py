@@ -10,8 +10,8 @@ from sensor_model import SUBSETS, drawn_drive, far_increments, turning_noise
 
 from compass import YawIncrement
 from fusion import FusionConfig, GyroSample, YawFusion
-from fusion.ekf import LASTING
 from fusion.smoother import smooth
+from fusion.state.ekf import LASTING
 
 # normal priors, as drawn
 PRIORS = {"least_bias_sigma": 0.005, "least_veer_sigma": 0.015, "rate_walk_factor": 1.0, "slip_factor": 1.0}

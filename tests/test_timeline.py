@@ -11,7 +11,7 @@ from sensor_model import drawn_drive, far_increments
 
 from compass import YawIncrement
 from fusion import FusionConfig, GyroSample, OdometrySample, YawFusion
-from fusion.timeline import Arrival, Timeline
+from fusion.buffer.replay import Arrival, Timeline
 
 
 @dataclass(frozen=True)

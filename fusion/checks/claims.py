@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 
-from fusion.checks.turns import Claim, Turns
+from fusion.checks.windows import Claim, Turns
 from fusion.config import FusionConfig
-from fusion.standstill import CREEP, CREEP_RATE
+from fusion.updates.standstill import CREEP, CREEP_RATE
 
 
 def gyro_claim(turns: Turns, start_ns: int, t_ns: int, config: FusionConfig) -> Claim | None:

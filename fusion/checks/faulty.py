@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections import Counter
 
+from fusion.buffer.events import Sensor
 from fusion.checks.warnings import Warning
-from fusion.events import Sensor
 
 FEWEST = 3  # a single one is a glitch, and
 SHARE = 0.01  # of all

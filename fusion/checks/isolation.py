@@ -2,7 +2,7 @@
 
 Sample by sample the gyro is by far the most precise, so a filter would believe it against all others; and a compass
 that is steadily misled would in time be believed against a sound gyro. So over windows of half a second the sensors are
-compared as turns (`fusion.checks.turns`, judged in `fusion.checks.judge`):
+compared as turns (`fusion.checks.windows`, judged in `fusion.checks.isolation_rules`):
 
 - Where two of three agree, the third is excluded. What the filter believed of it in that window is taken back.
 - Where only two speak, or the third is too vague to tell, nobody can know who is right. One is followed, the other
@@ -17,8 +17,8 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 
-from fusion.checks.turns import Claim, Window
-from fusion.events import Sensor
+from fusion.buffer.events import Sensor
+from fusion.checks.windows import Claim, Window
 
 GROSS = 0.02  # rad/s; smaller contradictions are for the filter's gates to settle
 CLEAR = 5.0  # standard deviations of a contradiction

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from compass import YawIncrement
+from fusion.buffer.events import Sensor
 from fusion.checks.isolation import DOUBT
-from fusion.events import Sensor
 
 GREW = 1.5  # times the first innovation: not one wrong match, but rates that differ
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterable, Mapping
 
+from fusion.buffer.events import Sensor
+from fusion.checks.gate import SensorReport
 from fusion.checks.warnings import Warning
-from fusion.events import Sensor
-from fusion.gating import SensorReport
 
 WINDOW_NS = 10_000_000_000  # as long as tracks may slip before the filter opens their scale
 SHORTEST_NS = 3_000_000_000  # thrice `recovery_time`, after which the filter listens to a refused sensor again

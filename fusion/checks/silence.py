@@ -7,8 +7,8 @@ from collections.abc import Collection
 from dataclasses import dataclass, field
 from statistics import median
 
+from fusion.buffer.events import Sensor
 from fusion.checks.warnings import Warning
-from fusion.events import Sensor
 
 SILENT_NS = 1_000_000_000  # twice what a link may hold a sample back without a word
 PERIODS = 3  # of the sensor; one of 1 Hz is not silent after a second

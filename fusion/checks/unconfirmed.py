@@ -18,9 +18,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from compass import wrap_angle
+from fusion.buffer.events import Sensor
 from fusion.checks.isolation import CLEAR, DOUBT
-from fusion.checks.turns import SILENT_NS, Window
-from fusion.events import Sensor
+from fusion.checks.windows import SILENT_NS, Window
 from fusion.samples import OdometrySample
 
 LONGEST_NS = 1_000_000_000  # between two images of a slow camera

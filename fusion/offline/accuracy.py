@@ -11,10 +11,10 @@ import numpy as np
 
 from compass.errors import VisualCompassError
 from fusion.offline.evaluate import PAPER, Outcome
+from fusion.offline.evaluation_report import Summary, drift_rows, summarise_outcomes, verdict_lines
 from fusion.offline.gps import Drift
 from fusion.offline.markdown import markdown_table
 from fusion.offline.scores import COMPASS, FUSED, GYRO, SMOOTHED, TRACKS
-from fusion.offline.verdicts import Summary, drift_rows, summarise_outcomes, verdict_lines
 from fusion.simulation import EXPERIMENTS
 from fusion.simulation.experiment import Experiment
 

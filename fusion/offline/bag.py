@@ -15,8 +15,8 @@ from typing import Any, Literal
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
+from fusion.offline.atomic_output import scratch_folder
 from fusion.offline.metadata import contradictions
-from fusion.offline.staging import scratch_folder
 from fusion.offline.storage import (
     MCAP,
     ROS1,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
-from fusion.offline.history import Warned
+from fusion.offline.warning_history import Warned
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

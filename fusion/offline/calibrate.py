@@ -19,15 +19,15 @@ from compass.images.decode import to_grey
 from compass.images.mask import load_mask
 from compass.images.strip import prepare_strip
 from compass.methods.sector_median import SectorShifts, local_shifts
-from fusion.offline.agreement import contradiction
+from fusion.offline.atomic_output import staged_file
 from fusion.offline.bag import Bag, BagError
 from fusion.offline.console import progress_bar
+from fusion.offline.contradiction_check import contradiction
+from fusion.offline.mounting import MASK_COLUMNS, Mask, Panorama, body_top, forward_column, static_pixels
 from fusion.offline.recording import BagRecording, Frame, Times, read_recording
 from fusion.offline.run import FusedRun, fuse_recording
 from fusion.offline.scores import FUSED, YawTrack, yaw_at, yaw_tracks
-from fusion.offline.staging import staged_file
 from fusion.offline.summary import KNOWN_DELAY
-from fusion.offline.surroundings import MASK_COLUMNS, Mask, Panorama, body_top, forward_column, static_pixels
 from fusion.offline.topics import TopicRequest, choose_topics
 from fusion.settings import Settings
 

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from fusion.buffer.events import Sensor
 from fusion.checks.warnings import Warning
-from fusion.events import Sensor
 
 Times = npt.NDArray[np.int64]
 YEAR_2200_NS = 7_258_118_400_000_000_000

@@ -11,16 +11,11 @@ from pathlib import Path
 from compass.errors import VisualCompassError
 from compass.methods.registry import find_method
 from fusion.offline.accuracy import HEADLINES, SECTION, accuracy_section, headline_section
+from fusion.offline.atomic_output import staged_file
 from fusion.offline.bag import BagError
 from fusion.offline.console import table
 from fusion.offline.evaluate import Outcome, evaluate_bag, evaluate_experiments
-from fusion.offline.foreign import read_yaws
-from fusion.offline.gps import Drift
-from fusion.offline.markdown import write_section
-from fusion.offline.staging import staged_file
-from fusion.offline.summary import warning_lines
-from fusion.offline.topics import TopicRequest
-from fusion.offline.verdicts import (
+from fusion.offline.evaluation_report import (
     SavedEvaluation,
     as_json,
     drift_table,
@@ -30,6 +25,11 @@ from fusion.offline.verdicts import (
     summarise_outcomes,
     verdict_lines,
 )
+from fusion.offline.foreign_yaw import read_yaws
+from fusion.offline.gps import Drift
+from fusion.offline.markdown import write_section
+from fusion.offline.summary import warning_lines
+from fusion.offline.topics import TopicRequest
 from fusion.settings import Settings
 from fusion.simulation import EXPERIMENTS
 from fusion.simulation.experiments import find_experiment

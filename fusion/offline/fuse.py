@@ -8,13 +8,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from fusion.offline.atomic_output import staged_folder
 from fusion.offline.bag import Bag, BagError
 from fusion.offline.console import progress_bar
 from fusion.offline.plot import plot_run
 from fusion.offline.recording import read_recording
 from fusion.offline.results import OPTIONAL, write_results
 from fusion.offline.run import FusedRun, fuse_recording, smooth_run
-from fusion.offline.staging import staged_folder
 from fusion.offline.summary import summarise
 from fusion.offline.topics import TopicRequest, choose_topics
 from fusion.settings import Settings

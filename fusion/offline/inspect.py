@@ -14,12 +14,12 @@ import numpy as np
 from compass import CompassConfig, ImageError
 from compass.images.decode import Image, to_grey
 from fusion.messages import image_of
+from fusion.offline.atomic_output import staged_file
 from fusion.offline.bag import COMPRESSED_IMAGE, IMAGE, IMU, ODOMETRY, Bag, BagError, Topic
 from fusion.offline.clock_steps import YEAR_2200_NS
 from fusion.offline.console import progress_bar, table
 from fusion.offline.first_look import first_look
 from fusion.offline.recording import Floats, Times
-from fusion.offline.staging import staged_file
 from fusion.offline.topics import TopicRequest, choose_topics, is_depth
 from fusion.settings import Settings
 

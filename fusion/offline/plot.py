@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fusion.events import Sensor
+from fusion.buffer.events import Sensor
 from fusion.offline.bands import shade_warnings
 from fusion.offline.recording import Floats, Times
 from fusion.offline.run import FusedRun, Row

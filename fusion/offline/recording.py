@@ -18,15 +18,15 @@ import numpy.typing as npt
 from compass.errors import ImageError
 from compass.images.decode import Image
 from compass.tilt import Vector
+from fusion.buffer.events import Sensor
 from fusion.checks.warnings import Warning, WarningLog, most_serious_first
-from fusion.events import Sensor
-from fusion.imu.level import ImuConfig, ImuLevel
-from fusion.lean import LATEST_NS, NEAR_NS, up_later
+from fusion.imu.levelling import ImuConfig, ImuLevel
+from fusion.imu.tilt import LATEST_NS, NEAR_NS, up_later
 from fusion.messages import NO_GYRO, NOTHING, MessageError, image_of, imu_reading, odometry_sample
 from fusion.offline.bag import Bag, BagError, Message, Topic
 from fusion.offline.clock_steps import ClockSteps, Recorded
 from fusion.offline.decode import decode_ahead
-from fusion.offline.times import Span, clock_warning, of_one_time, usable, wrong_stamps
+from fusion.offline.stamp_check import Span, clock_warning, of_one_time, usable, wrong_stamps
 from fusion.offline.topics import TopicChoice
 from fusion.samples import GyroSample, OdometrySample
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from fusion import YawEstimate
-from fusion.events import Sensor
+from fusion.buffer.events import Sensor
 from fusion.offline.bag_writer import BagWriter
 from fusion.offline.recording import Floats, Times, TruthTrack
 from fusion.offline.run import FusedRun, Row

@@ -14,11 +14,11 @@ import numpy.typing as npt
 
 from compass import CompassStatus, YawIncrement
 from fusion import GyroSample, OdometrySample, Warning, YawEstimate, YawPipeline, smooth
+from fusion.buffer.events import Sample, Sensor
+from fusion.checks.gate import SensorReport
 from fusion.compass_rate import CompassRate
-from fusion.events import Sample, Sensor
-from fusion.gating import SensorReport
-from fusion.offline.history import Warned, WarningHistory
 from fusion.offline.recording import Frame, GyroTrack, OdometryTrack, Progress, Recording, TruthTrack
+from fusion.offline.warning_history import Warned, WarningHistory
 from fusion.settings import Settings
 
 LONGEST_SILENCE_NS = 100_000_000  # without images there is a row at least this often

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from fusion.checks.warnings import Warning
-from fusion.imu.level import ImuConfig, ImuLevel
+from fusion.imu.levelling import ImuConfig, ImuLevel
 from fusion.offline.bag_writer import BagWriter
 from fusion.offline.recording import Frame, GyroTrack, OdometryTrack, Progress, TruthTrack
 from fusion.offline.topics import TRUTH_TOPIC

@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 
 from compass import CompassStatus
-from fusion.events import Sensor
-from fusion.lean import lean_angle
+from fusion.buffer.events import Sensor
+from fusion.imu.tilt import lean_angle
 from fusion.offline.console import table
-from fusion.offline.history import Warned
 from fusion.offline.recording import BagRecording, GyroTrack
 from fusion.offline.run import FusedRun
 from fusion.offline.scores import scores, yaw_tracks
+from fusion.offline.warning_history import Warned
 
 KNOWN_DELAY = 0.005  # s, standard deviation of a camera delay that was learnt
 MOST_LINES = 5  # warnings on the screen; more than a handful is not read

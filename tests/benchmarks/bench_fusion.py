@@ -18,7 +18,7 @@ import numpy as np
 
 from compass import YawIncrement
 from fusion import FusionConfig, GyroSample, OdometrySample, YawFusion
-from fusion.events import Sample
+from fusion.buffer.events import Sample
 from fusion.offline.markdown import markdown_table, write_section
 
 SECONDS = 8.0

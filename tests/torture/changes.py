@@ -15,7 +15,7 @@ from robot_drive import RobotDrive
 
 from compass import YawIncrement
 from fusion import OdometrySample
-from fusion.events import Sample
+from fusion.buffer.events import Sample
 from torture.drives import Stream, sensor_letter
 
 S = 10**9

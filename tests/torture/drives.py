@@ -9,7 +9,7 @@ import numpy as np
 from robot_drive import HZ, Eyes, RobotDrive, robot_drive, sensed
 
 from fusion import GyroSample, OdometrySample, Sensor
-from fusion.events import Sample
+from fusion.buffer.events import Sample
 
 SECONDS = 40.0
 Stream = list[tuple[int, Sample]]

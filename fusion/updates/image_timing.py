@@ -7,7 +7,7 @@ from bisect import bisect_left, bisect_right
 from dataclasses import dataclass
 
 from compass.tilt import Vector
-from fusion.lean import NEAR_NS
+from fusion.imu.tilt import NEAR_NS
 from fusion.samples import GyroSample
 
 LONGEST_NS = 1_000_000_000  # of what the gyro said that is remembered

@@ -8,15 +8,15 @@ from dataclasses import dataclass
 
 from compass.parameters import ParameterSet, parameter
 from compass.tilt import Vector
+from fusion.buffer.events import FASTEST
 from fusion.checks.warnings import Warning
-from fusion.events import FASTEST
-from fusion.imu.complaints import Complaints
 from fusion.imu.end_stop import EndStop
 from fusion.imu.gravity import Gravity
 from fusion.imu.halves import Halves
 from fusion.imu.orientation import Orientation
 from fusion.imu.robot_axes import RobotAxes
 from fusion.imu.vectors import AXES, dot, nearest_axis, vector
+from fusion.imu.warnings import Complaints
 from fusion.samples import GyroSample
 
 FASTEST_GYRO = 35.0  # rad/s; 2000 deg/s is the largest range of such gyros

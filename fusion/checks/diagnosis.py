@@ -8,11 +8,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fusion.buffer.events import Sensor
 from fusion.checks.isolation import Doubt, Isolation
-from fusion.checks.judge import RADIANS, STUCK, TURNED
-from fusion.checks.turns import Window
+from fusion.checks.isolation_rules import RADIANS, STUCK, TURNED
 from fusion.checks.warnings import Warning
-from fusion.events import Sensor
+from fusion.checks.windows import Window
 
 SIGN = 0.4  # ratios this near to -1 are a sign
 EXPLAINED = 0.6  # of the squared contradictions, by one number

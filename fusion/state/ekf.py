@@ -15,13 +15,13 @@ import numpy.typing as npt
 from filterpy.kalman import ExtendedKalmanFilter
 
 from compass import wrap_angle
-from fusion.bounds import LONGEST_STEP, LOST, blurred, forget_beyond, limit_turn, loosened, rounding, symmetric
+from fusion.buffer.events import FASTEST
 from fusion.config import FusionConfig
-from fusion.events import FASTEST
-from fusion.exposure import Exposure, GyroTrail
-from fusion.lean import BiasGain
-from fusion.motion import integrate_gauss_markov, turning
-from fusion.noise import LearntNoise
+from fusion.imu.tilt import BiasGain
+from fusion.state.bounds import LONGEST_STEP, LOST, blurred, forget_beyond, limit_turn, loosened, rounding, symmetric
+from fusion.state.learnt_noise import LearntNoise
+from fusion.state.process_models import integrate_gauss_markov, turning
+from fusion.updates.image_timing import Exposure, GyroTrail
 
 Array = npt.NDArray[np.float64]
 CLONES = 5  # two images and a keyframe; two views some seconds apart

@@ -13,8 +13,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from statistics import median
 
+from fusion.buffer.events import Sample, Sensor, sensor_of
 from fusion.checks.warnings import Warning
-from fusion.events import Sample, Sensor, sensor_of
 
 ALIVE_NS = 1_000_000_000  # a sensor that spoke this long before the newest sample would speak now
 LONE_NS = 200_000_000  # of stamps by the only sensor there is

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from fusion.checks.clocks import StampSequence
+from fusion.buffer.events import Sensor
+from fusion.checks.stamps import StampSequence
 from fusion.checks.warnings import Warning
-from fusion.events import Sensor
 from fusion.offline.clock_steps import ClockSteps, Recorded
 
 Times = npt.NDArray[np.int64]

@@ -10,10 +10,10 @@ import math
 from dataclasses import dataclass, field, replace
 
 from compass import YawIncrement
-from fusion.ekf import State, YawEkf
-from fusion.events import Sensor
+from fusion.buffer.events import Sensor
 from fusion.samples import GyroSample, OdometrySample
-from fusion.standstill import CompassTurn
+from fusion.state.ekf import State, YawEkf
+from fusion.updates.standstill import CompassTurn
 
 WINDOW_NS = 500_000_000
 LONGEST_WINDOW_NS = 5_000_000_000  # a sensor's integral over longer says more of its noise than of the turn

@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 from compass.tilt import Vector
-from fusion.ekf import CLONES
-from fusion.exposure import Exposure
+from fusion.state.ekf import CLONES
+from fusion.updates.image_timing import Exposure
 
 
 @dataclass(frozen=True, slots=True)

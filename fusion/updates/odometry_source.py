@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 from compass import wrap_angle
 from compass.tilt import Vector
-from fusion.lean import heading_gain
+from fusion.imu.tilt import heading_gain
 from fusion.samples import OdometrySample
 
 LONGEST_GAP_NS = 500_000_000  # between odometry samples whose rates are integrated

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
+from fusion.buffer.events import Sensor
 from fusion.checks.isolation import CHANGED, Doubt, Exclusion, Isolation, Remedy, Third, contradict
-from fusion.checks.turns import Claim, Window
-from fusion.events import Sensor
+from fusion.checks.windows import Claim, Window
 
 RADIANS = (45.0, 72.0)  # ratio of turns that only degrees taken for radians explain: 57.3 but for a quarter
 TURNED = 0.02  # rad in a window; a ratio to less says nothing

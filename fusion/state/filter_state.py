@@ -7,22 +7,22 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from fusion.agreement import Agreement
+from fusion.buffer.events import Sensor
+from fusion.checks.gate import Gate
 from fusion.checks.isolation import DOUBT, Isolation
 from fusion.checks.refusal import Refusal
-from fusion.checks.turns import COMPASS_SILENT_NS, SAME_NUMBER, SILENT_NS, Turns
 from fusion.checks.unconfirmed import Belief, TracksSince, Unconfirmed
 from fusion.checks.warnings import Warning
-from fusion.clones import Clones
-from fusion.ekf import Array, State, YawEkf
-from fusion.events import Sensor
-from fusion.exposure import Exposure, GyroTrail
-from fusion.gating import Gate
-from fusion.lean import BiasGain
-from fusion.noise import LearntNoise
+from fusion.checks.windows import COMPASS_SILENT_NS, SAME_NUMBER, SILENT_NS, Turns
+from fusion.imu.tilt import BiasGain
 from fusion.samples import YawEstimate
-from fusion.standstill import Stillness
-from fusion.tracks import TrackClaim, TrackVoice
+from fusion.state.bias_prior import Agreement
+from fusion.state.clones import Clones
+from fusion.state.ekf import Array, State, YawEkf
+from fusion.state.learnt_noise import LearntNoise
+from fusion.updates.image_timing import Exposure, GyroTrail
+from fusion.updates.odometry_source import TrackClaim, TrackVoice
+from fusion.updates.standstill import Stillness
 
 HIDDEN_RATE = 1e-3  # rad/s; a start shows only after some hundredths of a second, at about 0.01 rad/s
 
@@ -34,7 +34,7 @@ class FilterState:
     Attributes
     ----------
     x, P : numpy.ndarray
-        State and covariance, see `fusion.ekf.State`.
+        State and covariance, see `fusion.state.ekf.State`.
     t_ns : int or None
         Time they hold for, ns; None before the first event.
     clones : Clones

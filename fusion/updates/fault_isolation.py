@@ -6,18 +6,18 @@ import math
 from dataclasses import replace
 
 from compass import YawIncrement
+from fusion.buffer.events import Sensor
 from fusion.checks.claims import gyro_claim, tracks_claim
-from fusion.checks.explain import warnings_of
+from fusion.checks.diagnosis import warnings_of
+from fusion.checks.gate import Verdict
 from fusion.checks.isolation import DOUBT, DOUBT_FOUND_AGAIN, Doubt, Remedy
-from fusion.checks.judge import judge
+from fusion.checks.isolation_rules import judge
 from fusion.checks.refusal import Refusal
-from fusion.checks.turns import BEYOND, LONGEST_WINDOW_NS, SAME_NUMBER, Claim, Start, Window
+from fusion.checks.windows import BEYOND, LONGEST_WINDOW_NS, SAME_NUMBER, Claim, Start, Window
 from fusion.config import FusionConfig
-from fusion.ekf import Measurement, State, YawEkf
-from fusion.events import Sensor
-from fusion.exposure import GyroTrail
-from fusion.filter_state import FilterState, exposure_of
-from fusion.gating import Verdict
+from fusion.state.ekf import Measurement, State, YawEkf
+from fusion.state.filter_state import FilterState, exposure_of
+from fusion.updates.image_timing import GyroTrail
 
 JUMPED_BIAS = 0.01  # rad/s; one that has jumped is no longer as its driver had calibrated it
 

@@ -1,0 +1,1 @@
+"""Measurements in the order of their stamps, replayed when one comes late."""

@@ -1,0 +1,1 @@
+"""One file a sensor: its measurement model, its gate, its recovery."""
