@@ -89,7 +89,7 @@ def test_fuse_summary_compares_every_source_with_the_truth(fused):
     assert abs(summary["yaw"]["fused"]["final_error_deg"]) < gyro["final_error_deg"]
     assert summary["images"] == {"FIRST_FRAME": 1, "OK": TinyDrive().times(10.0).size - 1}
     # every sample reached the filter in the order of the stamps, whatever the streams
-    counts = {"gyro": 301, "tracks": 61, "compass": 30 + 3}  # and three looks back
+    counts = {"gyro": 301, "tracks": 61, "compass": 30}  # 256 columns show too few corners for a long baseline
     assert summary["samples"] == {f"{sensor}: in order": count for sensor, count in counts.items()}
     assert summary["topics"]["image"] == "/viz/pano/image/compressed"
 
