@@ -13,7 +13,7 @@ import numpy as np
 
 from compass import YawIncrement, wrap_angle
 from compass.tilt import beyond_error
-from fusion.buffer.events import CompassEvent, FusionEvent, GyroEvent, HeadingEvent, Sensor, TracksEvent
+from fusion.buffer.events import CompassEvent, FusionEvent, GyroEvent, HeadingEvent, ReferenceEvent, Sensor, TracksEvent
 from fusion.checks.diagnosis import adds_up
 from fusion.checks.gate import Verdict, gate_limit
 from fusion.checks.windows import FASTEST, SILENT_NS, WINDOW_NS
@@ -81,11 +81,11 @@ class YawFilter:
             event = replace(event, sample=sample)
         if before.t_ns is None:
             state.stillness = Stillness(event.t_ns, reference_ns=event.t_ns)
-        elif event.t_ns - before.t_ns > SILENT_NS:  # nobody would have seen it start
-            state.stillness = state.stillness.moved(event.t_ns)
+        elif event.t_ns - before.t_ns > (WATCHED_NS if isinstance(event, ReferenceEvent) else SILENT_NS):
+            state.stillness = state.stillness.moved(event.t_ns)  # nobody would have seen it start
         stood = state.stillness.standing
         self._watch(state, event)
-        self._predict(state, event.t_ns)
+        self._predict(state, event.t_ns, still=state.stillness.standing)
         if before.t_ns is not None and stood and not state.stillness.standing:
             prior = seen = self.config.initial_rate_sigma
             if isinstance(event, GyroEvent):
@@ -165,7 +165,7 @@ class YawFilter:
     def predicted(self, state: FilterState, t_ns: int) -> FilterState:
         """State at `t_ns`, ns, given that nothing was measured since; `state` itself where that is no later.
 
-        A robot that stood is taken to stand on for `SILENT_NS`: after that nobody would have seen it start.
+        A robot that stood may have started since: nobody would have seen it.
         """
         if state.t_ns is None or t_ns <= state.t_ns:
             return state
@@ -174,7 +174,7 @@ class YawFilter:
             moved.stillness = state.stillness.moved(t_ns)
         self._load(state)
         ekf.tape = None
-        self._predict(moved, t_ns)
+        self._predict(moved, t_ns, still=False)
         moved.x, moved.P = ekf.x, ekf.P
         return moved
 
@@ -186,13 +186,13 @@ class YawFilter:
         ekf.stray, ekf.agility = state.stray.variance, state.agility.variance
         ekf.slip_turn, ekf.slip_speed = state.slip_turn.variance, state.slip_speed.variance
 
-    def _predict(self, state: FilterState, t_ns: int) -> None:
-        """Move on to `t_ns`, ns."""
+    def _predict(self, state: FilterState, t_ns: int, *, still: bool) -> None:
+        """Move on to `t_ns`, ns; `still`: somebody who has spoken by then would have seen the robot start."""
         if state.t_ns is not None and t_ns > state.t_ns:
             heard_ns = state.gates[Sensor.GYRO].accepted_ns
             watched = heard_ns is not None and t_ns - heard_ns <= WATCHED_NS and not state.gyro_vague
             seconds = (t_ns - state.t_ns) * 1e-9
-            self._ekf.predict_for(seconds, still=state.stillness.standing, watched=watched)
+            self._ekf.predict_for(seconds, still=still, watched=watched)
             if state.held_back:
                 state.held_back *= math.exp(-seconds / SETTLING)
         state.t_ns = t_ns

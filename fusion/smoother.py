@@ -37,10 +37,19 @@ SEGMENT = 1000  # events whose matrices are kept at a time; their states are fil
 
 @dataclass(slots=True)
 class Adjoint:
-    """What the measurements after a time say of the state at it."""
+    """What the measurements after a time say of the state at it.
+
+    Attributes
+    ----------
+    l, L : numpy.ndarray
+        (DIM,) and (DIM, DIM), see the module.
+    confirmed : bool
+        Whether two sensors agreed the next time that they were compared: then the yaw is not owed to one of them only.
+    """
 
     l: Array  # noqa: E741 - the literature's lambda
     L: Array
+    confirmed: bool = False
 
     @staticmethod
     def zero() -> Adjoint:
@@ -50,16 +59,26 @@ class Adjoint:
     def before(self, step: Transition | Correction) -> Adjoint:
         """The adjoint before a step of the filter, this one holding after it."""
         if isinstance(step, Transition):
-            return Adjoint(step.F.T @ self.l, step.F.T @ self.L @ step.F)
+            return Adjoint(step.F.T @ self.l, step.F.T @ self.L @ step.F, self.confirmed)
         H = step.H[0]
         A = np.eye(DIM) - np.outer(step.K[:, 0], step.H_after[0])
         told = H / step.S
-        return Adjoint(A.T @ self.l - told * step.innovation, A.T @ self.L @ A + np.outer(H, told))
+        l = A.T @ self.l - told * step.innovation  # noqa: E741
+        return Adjoint(l, A.T @ self.L @ A + np.outer(H, told), self.confirmed)
+
+    def between(self, before: FilterState, after: FilterState) -> Adjoint:
+        """The adjoint with what an event says of who agrees, by the states before and after it."""
+        confirmed = self.confirmed
+        if after.unconfirmed is not None and after.unconfirmed.since.t_ns == after.t_ns:
+            confirmed = not after.isolation.doubts
+        if not before.isolation.contradicting >= after.isolation.contradicting:
+            confirmed = False
+        return replace(self, confirmed=confirmed)
 
     def smoothed(self, state: FilterState) -> FilterState:
-        """A state of the filter with what comes after it taken in: the next image confirms what one sensor claimed."""
+        """A state of the filter with what comes after it taken in."""
         P, since = state.P, state.unconfirmed
-        if since is not None and self.L.any() and (state.t_ns or 0) - since.since.t_ns <= LONGEST_NS:
+        if since is not None and self.confirmed and (state.t_ns or 0) - since.since.t_ns <= LONGEST_NS:
             since = None
         smoothed = P - P @ self.L @ P
         np.fill_diagonal(smoothed, np.maximum(np.diagonal(smoothed), LINEAR * np.diagonal(P)))
@@ -123,13 +142,14 @@ def _smooth_segment(
     taped = []
     for event in events:
         steps: list[Transition | Correction] = []
-        state = filter_.step(state, event, steps)
-        taped.append((state, steps))
-    for after, steps in reversed(taped):
+        before, state = state, filter_.step(state, event, steps)
+        taped.append((before, state, steps))
+    for before, after, steps in reversed(taped):
         if not out or out[-1].t_ns != after.t_ns:
             estimate = estimate_of(adjoint.smoothed(after))
             if estimate is not None:
                 out.append(estimate)
+        adjoint = adjoint.between(before, after)
         for step in reversed(steps):
             adjoint = adjoint.before(step)
     return adjoint

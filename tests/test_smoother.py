@@ -1,15 +1,17 @@
 """The smoother: batch least squares in the linear case, better than the filter everywhere, not overconfident."""
 
 import math
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 import pytest
 from scipy.linalg import cholesky, lstsq, solve_triangular
 from sensor_model import SUBSETS, drawn_drive, far_increments, turning_noise
+from torture.drives import drive
 
 from compass import YawIncrement
-from fusion import FusionConfig, GyroSample, YawFusion
+from fusion import FusionConfig, GyroSample, OdometrySample, YawFusion
 from fusion.smoother import smooth
 from fusion.state.ekf import LASTING
 
@@ -124,3 +126,15 @@ def test_smoothing_over_many_segments_equals_one(monkeypatch):
 def test_smoothing_nothing_gives_nothing():
     assert smooth([]) == []
     assert smooth([GyroSample(0, math.nan)]) == []
+
+
+@pytest.mark.parametrize("who", [(GyroSample, OdometrySample, YawIncrement), (GyroSample, YawIncrement)])
+@pytest.mark.parametrize("fault", [lambda w: w + 0.1, lambda w: 0.0], ids=["bias step", "stuck at zero"])
+def test_what_the_gyro_claimed_until_it_was_contradicted_is_in_the_smoothed_sigma(who, fault):
+    """It was 9 to 132 sigma off until the window that told, as if the next image had confirmed it."""
+    for name in ("long legs", "slow camera"):
+        whole = drive(name, 1).changed(lambda s: replace(s, yaw_rate=fault(s.yaw_rate)), GyroSample, 14.0)
+        samples = [s for s in whole.samples if isinstance(s, who) and s.t_ns < 17_000_000_000]
+        ratios = [abs(whole.error(e)) / max(math.sqrt(e.yaw_variance), math.radians(0.02)) for e in smooth(samples)]
+        assert max(ratios) < 5.0  # 4.0 at worst: of a step, how much was turned until the first window told
+        assert np.quantile(ratios, 0.999) < 4.0

@@ -289,10 +289,14 @@ class Isolation:
         return sum(doubt.variance(t_ns) for doubt in self.doubts)
 
     @property
+    def contradicting(self) -> frozenset[Sensor]:
+        """Who is excluded or in doubt."""
+        return frozenset([one.sensor for one in self.exclusions] + [one.sensor for one in self.doubts])
+
+    @property
     def contradicted(self) -> bool:
         """Whether gyro or compass are excluded or in doubt."""
-        sensors = {one.sensor for one in self.exclusions} | {one.sensor for one in self.doubts}
-        return bool(sensors - {Sensor.TRACKS})
+        return bool(self.contradicting - {Sensor.TRACKS})
 
     def doubt(self, sensor: Sensor) -> Doubt | None:
         """What a sensor claims that may be right although it is not followed."""
