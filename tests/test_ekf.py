@@ -12,6 +12,9 @@ from fusion import FusionConfig
 from fusion.imu.tilt import BiasGain
 from fusion.state.bounds import ROUNDING
 from fusion.state.ekf import CLONES, DIM, LASTING, TURNING, YAWS, State, YawEkf
+from fusion.updates.compass import compass_measurement
+from fusion.updates.gyro import gyro_measurement, turn_bias
+from fusion.updates.odometry import tracks_measurement
 
 
 @pytest.fixture
@@ -41,11 +44,11 @@ def expected_compass(x, config, variance):
 
 def test_jacobians_equal_finite_differences(ekf):
     pairs = [
-        (ekf.gyro(0.0, None), expected_gyro),
-        (ekf.tracks(0.0, 1e-4, modulo_turn=True, alone=True), expected_track_turn),
-        (ekf.compass(0.0, 1e-4, State.CLONE, State.YAW), lambda x: expected_compass(x, ekf.config, 1e-4)),
+        (gyro_measurement(ekf, 0.0, None), expected_gyro),
+        (tracks_measurement(ekf, 0.0, 1e-4, modulo_turn=True, alone=True), expected_track_turn),
+        (compass_measurement(ekf, 0.0, 1e-4, State.CLONE, State.YAW), lambda x: expected_compass(x, ekf.config, 1e-4)),
     ]
-    far = ekf.compass(0.0, 1e-4, State.CLONE, State.YAW, far=True)
+    far = compass_measurement(ekf, 0.0, 1e-4, State.CLONE, State.YAW, far=True)
     lasting = math.sqrt(LASTING * 1e-4)
     pairs.append((far, lambda x: x[State.YAW] - x[State.CLONE] + lasting * x[State.FAR_ERROR]))
     step = 1e-6  # all models are at most bilinear, so central differences err by rounding alone: 1e-16 / 1e-6
@@ -62,7 +65,7 @@ def test_bias_turns_with_the_robot_and_back_again(ekf):
     x, P = ekf.x.copy(), ekf.P.copy()
     own, cross = x[State.BIAS], x[State.CROSS_BIAS]
     for before, now in pairwise(gains):
-        ekf.lean(before, now)
+        turn_bias(ekf, before, now)
         assert ekf.x[State.BIAS] == pytest.approx(now.own * own + now.cross * cross)
     np.testing.assert_allclose(ekf.x, x, atol=1e-12)
     np.testing.assert_allclose(ekf.P, P, atol=1e-12)
@@ -140,7 +143,7 @@ def test_difference_to_clone_knows_only_what_happened_since(ekf):
     ekf.clone_yaw(State.CLONE)
     before = ekf.P[np.ix_(TURNING[1:], TURNING[1:])]
     ekf.predict_for(0.1)
-    measurement = ekf.compass(0.0, 1e-4, State.CLONE, State.YAW)
+    measurement = compass_measurement(ekf, 0.0, 1e-4, State.CLONE, State.YAW)
     H = measurement.H.copy()
     H[0, State.COMPASS_ERROR] = 0.0
     # the turn since the clone is that of rate and acceleration plus their noise, whatever the yaw's own variance
@@ -151,8 +154,8 @@ def test_difference_to_clone_knows_only_what_happened_since(ekf):
 
 def test_anchor_leaves_no_innovation_and_does_not_move_the_yaw(ekf):
     yaw, variance = ekf.x[State.YAW], ekf.P[State.YAW, State.YAW]
-    ekf.anchor(State.CLONE, ekf.compass(0.7, 1e-4, State.CLONE, State.YAW))
-    again = ekf.compass(0.7, 1e-4, State.CLONE, State.YAW)
+    ekf.anchor(State.CLONE, compass_measurement(ekf, 0.7, 1e-4, State.CLONE, State.YAW))
+    again = compass_measurement(ekf, 0.7, 1e-4, State.CLONE, State.YAW)
     assert again.innovation == pytest.approx(0.0, abs=1e-12)
     assert (ekf.x[State.YAW], ekf.P[State.YAW, State.YAW]) == (yaw, variance)
     # nothing is known of the clone but through this increment, so its noise alone is left in the innovation
@@ -162,7 +165,7 @@ def test_anchor_leaves_no_innovation_and_does_not_move_the_yaw(ekf):
 
 def test_turn_frame_keeps_turns_and_references(ekf):
     ekf.x[State.YAW] = 4.0 * math.tau + 0.3
-    H = ekf.compass(0.0, 1e-4, State.CLONE, State.YAW).H
+    H = compass_measurement(ekf, 0.0, 1e-4, State.CLONE, State.YAW).H
     before = ekf.x[State.YAW] - ekf.x[YAWS], (H @ ekf.P @ H.T).item()
     ekf.turn_frame(-3.0, 0.01)
     assert ekf.x[State.YAW] == pytest.approx(4.0 * math.tau - 3.0 + math.tau)  # nearest turn: 2.98 up, not 3.3 down
@@ -178,12 +181,12 @@ def test_compass_innovation_is_wrapped(ekf, degrees):
     ekf.x[State.CLONE] = 20.0
     ekf.x[State.YAW] = 20.0 + 3.0 * math.tau + math.radians(degrees)
     z = float(wrap_angle(math.radians(degrees) + 0.01))
-    assert ekf.compass(z, 1e-4, State.CLONE, State.YAW).innovation == pytest.approx(0.01, abs=1e-9)
+    assert compass_measurement(ekf, z, 1e-4, State.CLONE, State.YAW).innovation == pytest.approx(0.01, abs=1e-9)
 
 
 def test_considered_states_keep_value_and_variance(ekf):
     scale, variance = ekf.x[State.SCALE], ekf.P[State.SCALE, State.SCALE]
-    ekf.correct(ekf.tracks(0.5, 1e-4, modulo_turn=False, alone=True))
+    ekf.correct(tracks_measurement(ekf, 0.5, 1e-4, modulo_turn=False, alone=True))
     assert ekf.x[State.SCALE] == scale
     assert ekf.P[State.SCALE, State.SCALE] == pytest.approx(variance, rel=2.0 * ROUNDING)
     assert np.all(np.linalg.eigvalsh(ekf.P) > -1e-12)

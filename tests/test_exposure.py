@@ -9,7 +9,7 @@ from compass import YawIncrement, wrap_angle
 from fusion import FusionConfig, GyroSample, OdometrySample, Sensor, YawFusion
 from fusion.state.ekf import DIM, State, YawEkf
 from fusion.state.learnt_noise import STRAYS, LearntNoise
-from fusion.updates.image_timing import LONGEST_NS, GyroTrail
+from fusion.updates.image_timing import LONGEST_NS, GyroTrail, clone_exposure, exposure
 
 SECOND = 10**9
 
@@ -64,7 +64,7 @@ def test_jacobian_of_the_exposed_yaw_equals_finite_differences(watched):
     def exposed(state):
         ekf.x = state
         ekf.tape = []
-        ekf.clone_exposure(State.CLONE, ekf.exposure(SECOND, trail))
+        clone_exposure(ekf, State.CLONE, exposure(ekf, SECOND, trail))
         return ekf.x[State.CLONE], ekf.tape[0].F[State.CLONE]
 
     _, row = exposed(x.copy())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import math
 from dataclasses import dataclass, field, replace
 
@@ -18,10 +19,10 @@ from fusion.imu.tilt import BiasGain
 from fusion.samples import YawEstimate
 from fusion.state.bias_prior import Agreement
 from fusion.state.clones import Clones
-from fusion.state.ekf import Array, State, YawEkf
+from fusion.state.ekf import Array, Correction, State, Transition, YawEkf
 from fusion.state.learnt_noise import LearntNoise
-from fusion.updates.image_timing import Exposure, GyroTrail
-from fusion.updates.odometry_source import TrackClaim, TrackVoice
+from fusion.updates.image_timing import GyroTrail
+from fusion.updates.odometry import TrackClaim, TrackVoice
 from fusion.updates.standstill import Stillness
 
 HIDDEN_RATE = 1e-3  # rad/s; a start shows only after some hundredths of a second, at about 0.01 rad/s
@@ -33,7 +34,7 @@ class FilterState:
 
     Attributes
     ----------
-    x, P : numpy.ndarray
+    ekf : YawEkf
         State and covariance, see `fusion.state.ekf.State`.
     t_ns : int or None
         Time they hold for, ns; None before the first event.
@@ -43,8 +44,6 @@ class FilterState:
         What the tracks claim since the state TRACK_REF was cloned.
     track_voice : TrackVoice
         What of the odometry has ever spoken.
-    track_speed, track_stray : float
-        See `YawEkf`.
     gates : dict of Sensor to Gate
         Gate and last report of each sensor.
     references_lost : int
@@ -83,14 +82,11 @@ class FilterState:
         and by driving: factors.
     """
 
-    x: Array
-    P: Array
+    ekf: YawEkf
     t_ns: int | None = None
     clones: Clones = field(default_factory=Clones)
     tracks: TrackClaim | None = None
     track_voice: TrackVoice = field(default_factory=TrackVoice)
-    track_speed: float = 0.0
-    track_stray: float = 0.0
     gates: dict[Sensor, Gate] = field(default_factory=lambda: {sensor: Gate() for sensor in Sensor})
     references_lost: int = 0
     stillness: Stillness = field(default_factory=lambda: Stillness(0))
@@ -110,6 +106,31 @@ class FilterState:
     agility: LearntNoise = field(default_factory=lambda: LearntNoise(1.0))
     slip_turn: LearntNoise = field(default_factory=lambda: LearntNoise(1.0))
     slip_speed: LearntNoise = field(default_factory=lambda: LearntNoise(1.0))
+
+    @property
+    def x(self) -> Array:
+        """State of the EKF, shape (DIM,)."""
+        return self.ekf.x
+
+    @property
+    def P(self) -> Array:  # noqa: N802 - the textbook's
+        """Its covariance, shape (DIM, DIM)."""
+        return self.ekf.P
+
+    def fork(self, tape: list[Transition | Correction] | None = None) -> FilterState:
+        """A state to be changed by one step: with an EKF of its own, which notes on `tape` what is done to it."""
+        state = copy.copy(self)
+        state.ekf = self.ekf.fork(tape)
+        state.ekf.stray, state.ekf.agility = self.stray.variance, self.agility.variance
+        state.ekf.slip_turn, state.ekf.slip_speed = self.slip_turn.variance, self.slip_speed.variance
+        return state
+
+    def at(self, x: Array, P: Array) -> FilterState:
+        """The same with another state and covariance."""
+        state = copy.copy(self)
+        state.ekf = self.ekf.fork(None)
+        state.ekf.x, state.ekf.P = x, P
+        return state
 
     @property
     def scale_variance(self) -> float:
@@ -182,13 +203,6 @@ class FilterState:
         silent_ns = COMPASS_SILENT_NS if sensor is Sensor.COMPASS else SILENT_NS
         lately = t_ns is not None and (self.t_ns or 0) - t_ns <= silent_ns
         return lately and not self.isolation.excludes(sensor)
-
-
-def exposure_of(state: FilterState, ekf: YawEkf) -> Exposure:
-    """What happened between the exposure of an image stamped at present, and now."""
-    if state.stillness.standing:
-        return Exposure()
-    return ekf.exposure(state.t_ns or 0, state.trail if state.trail.t_ns and state.hears(Sensor.GYRO) else None)
 
 
 def believed(state: FilterState) -> tuple[Array, Array]:

@@ -15,9 +15,9 @@ from fusion.checks.isolation_rules import judge
 from fusion.checks.refusal import Refusal
 from fusion.checks.windows import BEYOND, LONGEST_WINDOW_NS, SAME_NUMBER, Claim, Start, Window
 from fusion.config import FusionConfig
-from fusion.state.ekf import Measurement, State, YawEkf
-from fusion.state.filter_state import FilterState, exposure_of
-from fusion.updates.image_timing import GyroTrail
+from fusion.state.ekf import Measurement, State
+from fusion.state.filter_state import FilterState
+from fusion.updates.image_timing import GyroTrail, exposure_of
 
 JUMPED_BIAS = 0.01  # rad/s; one that has jumped is no longer as its driver had calibrated it
 
@@ -27,20 +27,17 @@ class Comparison:
 
     Parameters
     ----------
-    ekf : YawEkf
-        It holds state and covariance of the `FilterState` that the methods are given.
     config : FusionConfig
         Of all models.
     """
 
-    def __init__(self, ekf: YawEkf, config: FusionConfig) -> None:
-        self._ekf = ekf
+    def __init__(self, config: FusionConfig) -> None:
         self._config = config
 
     def take_turn(self, state: FilterState, increment: YawIncrement, slot: int | None) -> bool:
         """Compare an increment with what the others say of the same turn; whether the yaw was moved for it."""
-        ekf = self._ekf
-        until = exposure_of(state, self._ekf)
+        ekf = state.ekf
+        until = exposure_of(state)
         clone = state.clones[slot] if slot is not None else None
         since = clone.exposure if clone else until
         stray = ekf.stray * float(ekf.x[State.RATE]) ** 2
@@ -53,7 +50,7 @@ class Comparison:
 
     def compare(self, state: FilterState, increment: YawIncrement | None) -> bool:
         """End a window: judge what the sensors say of it, and do what follows; whether the yaw was moved."""
-        ekf, turns, t_ns, moved = self._ekf, state.turns, state.t_ns or 0, False
+        ekf, turns, t_ns, moved = state.ekf, state.turns, state.t_ns or 0, False
         start_ns = turns.start_ns if turns.start_ns is not None else t_ns
         joined = increment is None or (turns.compass is not None and turns.compass.start_ns == start_ns)
         if joined and 0 < t_ns - start_ns <= LONGEST_WINDOW_NS:
@@ -70,7 +67,7 @@ class Comparison:
 
     def _apply(self, state: FilterState, remedy: Remedy) -> bool:
         """Do what has to be done after a window; whether the yaw was moved."""
-        ekf, config = self._ekf, self._config
+        ekf, config = state.ekf, self._config
         if remedy.bias is not None:
             ekf.renew(State.BIAS, min(remedy.bias_sigma, JUMPED_BIAS) ** 2, remedy.bias)
             ekf.renew(State.GYRO_SCALE, config.gyro_scale_sigma**2)  # it was learnt with that bias
@@ -103,7 +100,7 @@ class Comparison:
 
     def _window(self, state: FilterState, start_ns: int) -> Window:
         """What each sensor says of the window that ends now, calibrated as known at its beginning."""
-        x, turns, t_ns = self._ekf.x, state.turns, state.t_ns or 0
+        x, turns, t_ns = state.ekf.x, state.turns, state.t_ns or 0
         compass = turns.compass
         slip = state.slip_turn.variance, state.slip_speed.variance
         seen = Claim(compass.turn, math.sqrt(compass.turn_variance)) if compass and compass.t_ns == t_ns else None
@@ -135,7 +132,7 @@ class Comparison:
             state.isolation = state.isolation.sure_of(Sensor.TRACKS)  # gyro and compass saw the same all the while
         if refusal is not None:
             if increment.t_ref_ns > refusal.t_ref_ns:
-                self._ekf.widen_frame(refusal.variance)
+                state.ekf.widen_frame(refusal.variance)
             state.refusal = None
 
     def recover(self, state: FilterState, measurement: Measurement, since: int, until: int, *, witnessed: bool) -> None:
@@ -145,7 +142,7 @@ class Comparison:
         One that came at once is a wrong match: the yaw stays, and may be wrong by it. Where no gyro saw the turn, only
         tracks contradict, and those slip and get lifted: a match that repeats is followed.
         """
-        ekf, config, refusal, off = self._ekf, self._config, state.refusal, measurement.innovation
+        ekf, config, refusal, off = state.ekf, self._config, state.refusal, measurement.innovation
         state.refusal = None
         if not witnessed or (refusal is not None and refusal.grew(off)):
             x = ekf.x.copy()
@@ -168,5 +165,5 @@ class Comparison:
         """Note that the gyro's bias may be as before all the same."""
         doubt = state.isolation.doubt(Sensor.GYRO)
         if doubt is None:
-            doubt = Doubt(Sensor.GYRO, since_ns, 0.0, bias=float(self._ekf.x[State.BIAS]))
+            doubt = Doubt(Sensor.GYRO, since_ns, 0.0, bias=float(state.ekf.x[State.BIAS]))
         state.isolation = state.isolation.doubting(replace(doubt, offset=doubt.offset + offset))

@@ -5,10 +5,18 @@ from __future__ import annotations
 import math
 from bisect import bisect_left, bisect_right
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
 
 from compass.tilt import Vector
+from fusion.buffer.events import Sensor
 from fusion.imu.tilt import NEAR_NS
 from fusion.samples import GyroSample
+from fusion.state.ekf import DIM, State, YawEkf
+
+if TYPE_CHECKING:
+    from fusion.state.filter_state import FilterState
 
 LONGEST_NS = 1_000_000_000  # of what the gyro said that is remembered
 SHORTEST_STEP = 0.02  # s; over less the gyro's noise says more of its rate than the rate
@@ -93,3 +101,43 @@ class GyroTrail:
         spread = weight * ((less - mean) ** 2 + (more - mean) ** 2) + (1.0 - 2.0 * weight) * (turn - mean) ** 2
         bent = max(spread - rate**2 * variance, 0.0)
         return Exposure(delay, mean, rate, bent + CAUTION * noise * variance, watched=True)
+
+
+def exposure_of(state: FilterState) -> Exposure:
+    """What happened between the exposure of an image stamped at present, and now."""
+    if state.stillness.standing:
+        return Exposure()
+    return exposure(state.ekf, state.t_ns or 0, state.trail if state.trail.t_ns and state.hears(Sensor.GYRO) else None)
+
+
+def exposure(ekf: YawEkf, t_ns: int, trail: GyroTrail | None) -> Exposure:
+    """What happened between the exposure of an image stamped `t_ns`, the present, and that stamp.
+
+    Without a gyro's `trail` the delay is taken for known: nothing else could tell it, and as an unknown it would
+    let the tracks draw the yaw about.
+    """
+    delay, variance = float(ekf.x[State.CAMERA_DELAY]), float(ekf.P[State.CAMERA_DELAY, State.CAMERA_DELAY])
+    if trail is None:
+        return Exposure(delay, float(ekf.x[State.RATE]) * delay)
+    claimed = trail.exposure(t_ns, delay, variance, ekf.config.gyro_sigma**2)
+    bias, gain = float(ekf.x[State.BIAS]), 1.0 + float(ekf.x[State.GYRO_SCALE])
+    turn, rate = (claimed.turn - bias * delay) / gain, (claimed.rate - bias) / gain
+    unseen = ekf.config.watched_rate_walk**2 * max(-delay, 0.0) ** 3 / 3.0  # exposed after the last sample
+    return Exposure(delay, turn, rate, claimed.variance + unseen, watched=True)
+
+
+def clone_exposure(ekf: YawEkf, into: int, exposure: Exposure) -> None:
+    """Copy the yaw that an image of the present stamp shows: that of its exposure, which strays."""
+    T = np.eye(DIM)
+    T[into] = T[State.YAW]
+    T[into, State.CAMERA_DELAY] = -exposure.rate
+    if exposure.watched:
+        gain = 1.0 + float(ekf.x[State.GYRO_SCALE])
+        T[into, State.BIAS], T[into, State.GYRO_SCALE] = exposure.delay / gain, exposure.turn / gain
+    else:
+        T[into, State.RATE] = -exposure.delay
+    exposed = float(ekf.x[State.YAW]) - exposure.turn
+    rate_squared = float(ekf.x[State.RATE]) ** 2 + float(ekf.P[State.RATE, State.RATE])
+    ekf.transform(T)
+    ekf.x[into] = exposed
+    ekf.widen(into, ekf.stray * rate_squared + exposure.variance)

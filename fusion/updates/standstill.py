@@ -9,9 +9,19 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
 
 from compass import YawIncrement, wrap_angle
+from fusion.buffer.events import CompassEvent, FusionEvent, GyroEvent, Sensor, TracksEvent
+from fusion.config import FusionConfig
 from fusion.samples import OdometrySample
+from fusion.state.ekf import DIM, Measurement, State, YawEkf
+
+if TYPE_CHECKING:
+    from fusion.state.filter_state import FilterState
+    from fusion.updates.gyro import GyroUpdate
 
 RESOLUTION = 0.0005  # rad/s; slower turns are left to the filter, which goes on estimating the rate
 SHORTEST_NS = 500_000_000  # of quiet before it is called standstill
@@ -22,6 +32,7 @@ CREEP_RATE = 0.001  # rad/s; tracks that claim less show no motion
 CREEP = 0.01  # m/s; slower is not driving
 RESTING = 20  # gyro samples without a sign of motion that tell their scatter
 LATELY = 25  # gyro samples in its recent mean, for turns too slow to show in one sample
+STILL_TURN = 1e-5  # rad, what standing still leaves of a turn
 BLIND = 0.02  # rad; an increment with a larger standard deviation misses how a robot starts to turn
 CLEAR = 4.0  # standard deviations that make a sign of motion
 
@@ -186,3 +197,84 @@ class Stillness:
 def _creeping(rate: Running) -> bool:
     """Whether the mean of the tracks' claimed rates could be no motion."""
     return abs(rate.mean) <= CLEAR * rate.mean_sigma + CREEP_RATE
+
+
+class StandstillUpdate:
+    """Zero-velocity update: watches for motion, and pins the turn rate once the robot is found to stand.
+
+    Parameters
+    ----------
+    config : FusionConfig
+        Of all models.
+    gyro : GyroUpdate
+        It knows the noise of a gyro sample.
+    """
+
+    def __init__(self, config: FusionConfig, gyro: GyroUpdate) -> None:
+        self._config = config
+        self._gyro = gyro
+
+    def watch(self, state: FilterState, event: FusionEvent) -> bool:
+        """Note what an event says of standing; whether it is the first sign of motion.
+
+        Tracks show a start at once. Without them it may have hidden in the gyro's noise for a while, and what the robot
+        turned meanwhile went into the bias and is missing in the yaw.
+        """
+        stillness = state.stillness
+        if isinstance(event, GyroEvent) and self._gyro.is_vague(event.sample):
+            stillness = stillness.moved(event.t_ns)
+        elif isinstance(event, GyroEvent):
+            stillness = stillness.with_gyro(event.t_ns, event.sample.yaw_rate, self._gyro.sigma(state, event.sample))
+        elif isinstance(event, TracksEvent):
+            stillness = stillness.with_tracks(event.sample)
+        elif isinstance(event, CompassEvent) and not event.sample.far:
+            stillness = stillness.with_increment(event.sample)
+        if state.stillness.standing and not stillness.standing and not state.hears(Sensor.TRACKS):
+            bias, turn = state.stillness.hidden_start()
+            state.ekf.widen(State.BIAS, bias**2)
+            state.ekf.widen(State.YAW, turn**2)
+        started = state.stillness.standing and not stillness.standing
+        state.stillness = stillness
+        return started
+
+    def start(self, state: FilterState, event: FusionEvent, seconds: float) -> None:
+        """Open the turn rate of a robot that has begun to move within the last `seconds`."""
+        sigma = seen = self._config.initial_rate_sigma
+        if isinstance(event, GyroEvent):
+            seen = event.sample.yaw_rate - float(state.ekf.x[State.BIAS])
+        open_rate(state.ekf, sigma, seconds, seen)
+
+    def settle(self, state: FilterState) -> None:
+        """Pin the turn rate once the robot is found to stand."""
+        bias, variance = float(state.ekf.x[State.BIAS]), float(state.ekf.P[State.BIAS, State.BIAS])
+        stillness = state.stillness.judged(state.t_ns or 0, bias, variance**0.5)
+        if stillness.reference_ns is not None and state.stillness.reference_ns is None:
+            state.ekf.clone_yaw(State.STILL_REF)
+        if stillness.standing and not state.stillness.standing:
+            stand_still(state.ekf, ((state.t_ns or 0) - (stillness.reference_ns or 0)) * 1e-9)
+        state.stillness = stillness
+
+
+def open_rate(ekf: YawEkf, sigma: float, within: float, seen: float) -> None:
+    """Let the turn rate have changed at once, by `sigma` (rad/s) or so, at some time in the last `within` seconds.
+
+    What was turned since goes with it. `seen` is by how much it seems to have changed: so much of the turn is
+    uncertain as the time is.
+    """
+    ekf.P = ekf.P.copy()
+    ekf.P[np.ix_([State.YAW, State.RATE], [State.YAW, State.RATE])] += sigma**2 * np.array(
+        [[within**2 / 4.0, within / 2.0], [within / 2.0, 1.0]]
+    )
+    ekf.P[State.YAW, State.YAW] += (seen * within) ** 2 / 12.0
+
+
+def stand_still(ekf: YawEkf, seconds: float) -> None:
+    """Take in that the robot has stood for so long, since STILL_REF, but for a creep too slow to be found."""
+    # it tells nothing of scale factors, though linearised their errors go along with that of the rate
+    consider = (State.SCALE, State.GYRO_SCALE)
+    H = np.zeros((1, DIM))
+    H[0, State.RATE] = 1.0
+    ekf.correct(Measurement(-float(ekf.x[State.RATE]), H, RESOLUTION**2, consider=consider))
+    H = np.zeros((1, DIM))
+    H[0, State.YAW], H[0, State.STILL_REF], H[0, State.RATE] = 1.0, -1.0, -seconds  # all the while at that rate
+    ekf.correct(Measurement(-float((H @ ekf.x)[0]), H, STILL_TURN**2, consider=consider))

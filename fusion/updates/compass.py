@@ -1,0 +1,139 @@
+"""The compass: the model of its increments between cloned yaws, its gate, and its recovery."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from compass import YawIncrement, wrap_angle
+from fusion.buffer.events import CompassEvent, ReferenceEvent, Sensor
+from fusion.checks.gate import Verdict
+from fusion.checks.windows import WINDOW_NS
+from fusion.imu.tilt import heading_change
+from fusion.state.clones import Clone
+from fusion.state.ekf import DIM, LASTING, Measurement, State, YawEkf
+from fusion.updates.gating import Gating
+from fusion.updates.image_timing import clone_exposure, exposure_of
+
+if TYPE_CHECKING:
+    from fusion.state.filter_state import FilterState
+    from fusion.updates.fault_isolation import Comparison
+
+
+class CompassUpdate:
+    """Takes yaw increments into a state.
+
+    Parameters
+    ----------
+    gating : Gating
+        The gates of all sensors.
+    comparison : Comparison
+        Ends a window at an image, and lets increments in again.
+    """
+
+    def __init__(self, gating: Gating, comparison: Comparison) -> None:
+        self._gating = gating
+        self._comparison = comparison
+
+    def fuse(self, before: FilterState, state: FilterState, event: CompassEvent) -> None:
+        """Take in an increment; the first after a gap is told what the gyro's scale may have added meanwhile."""
+        ekf = state.ekf
+        if before.scale_variance > 0.0 and not before.isolation.excludes(Sensor.COMPASS):
+            ekf.widen(State.YAW, before.scale_variance)
+            state.told_yaw = float(ekf.x[State.YAW])
+        self._fuse(state, event)
+        if state.turns.start_ns == event.t_ns != before.turns.start_ns:
+            state.turns = replace(state.turns, corrected=float(ekf.x[State.YAW]) - state.turns.start.yaw)
+
+    def refer(self, state: FilterState, event: ReferenceEvent) -> None:
+        """Remember the yaw at the capture time of a compass reference."""
+        slot = self.remember(state, event.t_ns, reference=True)
+        if event.far:
+            state.clones = state.clones.kept(slot)
+
+    def _fuse(self, state: FilterState, event: CompassEvent) -> None:
+        """Take in the turn since a remembered yaw, or place that yaw where the increment says."""
+        ekf, slot = state.ekf, state.clones.slot_of(event.sample.t_ref_ns)
+        known = slot is not None
+        if slot is None:
+            # the reference was never seen: place it where this increment says, so that those to come can use it
+            state.references_lost += 1
+            slot = self.remember(state, event.sample.t_ref_ns, reference=True)
+        increment = _levelled(event.sample, state.clones[slot])
+        began_ns = state.turns.start_ns
+        moved = not increment.far and self._comparison.take_turn(state, increment, slot if known else None)
+        if moved and began_ns is not None:  # yaws of the window that was taken back, or of the one before, are wrong
+            state.clones = state.clones.until(began_ns - WINDOW_NS, but=slot)
+        elif not moved:
+            _allow_for_refused_gyro(state, event.t_ns)
+        state.clones = state.clones.used(slot, event.t_ns)
+        image = self.remember(state, event.t_ns, reference=False)
+        if increment.far:
+            state.clones = state.clones.kept(slot, image)
+        since, until = State.CLONE + slot, State.CLONE + image
+        measurement = compass_measurement(ekf, increment.yaw, increment.variance, since, until, far=increment.far)
+        excluded = state.isolation.excludes(Sensor.COMPASS)
+        witnessed = state.gyro_since_ns is not None and state.gyro_since_ns <= event.sample.t_ref_ns
+        witnessed = witnessed and state.hears(Sensor.GYRO)
+        rate = float(ekf.x[State.RATE])
+        others = max(ekf.innovation_variance(measurement) - ekf.stray * rate**2, measurement.R)
+        verdict = self._gating.judge(state, Sensor.COMPASS, measurement) if known and not moved else None
+        if known and not state.isolation.exclusions and not increment.far and not moved:
+            state.stray = state.stray.after(measurement.innovation, others, rate)
+        if verdict is None or excluded:
+            ekf.anchor(since, measurement)
+        if verdict is None or excluded or increment.far:
+            return
+        again = state.refusal is not None and state.refusal.is_repeated_by(increment, measurement.innovation)
+        if verdict is Verdict.RECOVERED or (verdict is Verdict.REJECTED and again and not witnessed):
+            self._comparison.recover(state, measurement, since, until, witnessed=witnessed)
+        else:
+            self._comparison.note_refusal(state, increment, measurement, verdict)
+
+    def remember(self, state: FilterState, t_ns: int, *, reference: bool) -> int:
+        """Clone the yaw at the exposure of an image, as a reference or as a candidate for one; return the slot."""
+        slot = state.clones.slot_of(t_ns)
+        if slot is None:
+            slot, exposure = state.clones.next_slot(), exposure_of(state)
+            clone_exposure(state.ekf, State.CLONE + slot, exposure)
+            up = state.trail.up_at(t_ns - round(exposure.delay * 1e9))
+            state.clones = state.clones.put(slot, Clone(t_ns, t_ns, reference, exposure, up))
+        elif reference:
+            state.clones = state.clones.used(slot, t_ns)
+        return slot
+
+
+def compass_measurement(
+    ekf: YawEkf, yaw: float, variance: float, since: int, until: int, *, far: bool = False
+) -> Measurement:
+    """What an increment (rad, variance rad^2) between the clones `since` and `until` says, modulo a turn.
+
+    Part of its error lasts from image to image and beyond the reference (parallax keeps its sign while the robot
+    passes the same things): a Gauss-Markov state of `compass_error`, or `LASTING` of the variance if that is less;
+    of an increment from some seconds ago another one, of `LASTING` of the variance.
+    """
+    error = State.FAR_ERROR if far else State.COMPASS_ERROR
+    lasting = LASTING * variance if far else min(ekf.config.compass_error**2, LASTING * variance)
+    H = np.zeros((1, DIM))
+    H[0, until], H[0, since] = 1.0, -1.0
+    H[0, error] = math.sqrt(lasting)
+    innovation = float(wrap_angle(yaw - float((H @ ekf.x)[0])))
+    return Measurement(innovation, H, variance - lasting)
+
+
+def _allow_for_refused_gyro(state: FilterState, t_ns: int) -> None:
+    """Let the yaw have gone on as the gyro's last sample says, if it was refused: the next one will tell."""
+    gate = state.gates[Sensor.GYRO]
+    if gate.report and gate.rejecting_since_ns == gate.report.t_ns and state.hears(Sensor.GYRO):
+        seconds = (t_ns - (gate.accepted_ns or t_ns)) * 1e-9
+        state.ekf.widen(State.YAW, (gate.report.innovation * seconds) ** 2)
+
+
+def _levelled(increment: YawIncrement, clone: Clone | None) -> YawIncrement:
+    """What an increment says of the heading, where it is known how the robot leant at its reference."""
+    if clone is None or clone.up is None or increment.turn is None:
+        return increment
+    return replace(increment, yaw=float(wrap_angle(heading_change(clone.up, increment.turn, increment.tilt))))

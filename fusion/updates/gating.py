@@ -1,0 +1,43 @@
+"""Every measurement passes its sensor's gate, and corrects the state if it is accepted."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from fusion.buffer.events import Sensor
+from fusion.checks.gate import Verdict, gate_limit
+from fusion.config import FusionConfig
+from fusion.state.ekf import Measurement
+
+if TYPE_CHECKING:
+    from fusion.state.filter_state import FilterState
+
+FOREVER_NS = 2**63
+
+
+class Gating:
+    """The gates of all sensors.
+
+    Attributes
+    ----------
+    limit : float
+        Largest normalised innovation squared that passes.
+    """
+
+    def __init__(self, config: FusionConfig) -> None:
+        self.limit = gate_limit(config)
+        seconds = dict.fromkeys(Sensor, config.recovery_time) | {Sensor.TRACKS: config.slip_recovery_time}
+        self._recovery_ns = {sensor: round(time * 1e9) for sensor, time in seconds.items()}
+
+    def judge(self, state: FilterState, sensor: Sensor, measurement: Measurement) -> Verdict:
+        """Pass a measurement through its gate and fuse it if accepted."""
+        S = state.ekf.innovation_variance(measurement)
+        limit, recovery_ns = self.limit, self._recovery_ns[sensor]
+        if state.isolation.excludes(sensor) or (sensor is Sensor.TRACKS and state.isolation.doubt(sensor)):
+            limit, recovery_ns = -1.0, FOREVER_NS
+        gate = state.gates[sensor].judge(state.t_ns or 0, measurement.innovation, S, limit, recovery_ns)
+        state.gates = {**state.gates, sensor: gate}
+        verdict = gate.report.verdict if gate.report else Verdict.REJECTED
+        if verdict is Verdict.ACCEPTED:
+            state.ekf.correct(measurement)
+        return verdict

@@ -1,0 +1,152 @@
+"""The gyro: its model, its gate, and what a robot or a bias that has jumped leaves of it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from compass.tilt import beyond_error
+from fusion.buffer.events import GyroEvent, Sensor
+from fusion.checks.gate import Gate, Verdict
+from fusion.checks.windows import FASTEST, SILENT_NS
+from fusion.config import FusionConfig
+from fusion.imu.tilt import LEAN_ERROR, BiasGain
+from fusion.samples import GyroSample
+from fusion.state.bounds import LONGEST_STEP
+from fusion.state.ekf import DIM, TURNING_BLOCK, Measurement, State, YawEkf
+from fusion.state.process_models import turning
+from fusion.updates.gating import Gating
+
+if TYPE_CHECKING:
+    from fusion.state.filter_state import FilterState
+
+VAGUE = 100.0  # times the noise of a gyro sample; from one of that a turn of 1 rad/s would not stand out
+
+
+class GyroUpdate:
+    """Takes gyro samples into a state.
+
+    Parameters
+    ----------
+    config : FusionConfig
+        Of all models.
+    gating : Gating
+        The gates of all sensors.
+    """
+
+    def __init__(self, config: FusionConfig, gating: Gating) -> None:
+        self._config = config
+        self._gating = gating
+
+    def fuse(self, state: FilterState, event: GyroEvent) -> None:
+        """Take in a gyro sample, or find that the robot or the bias has made a jump."""
+        sample, refused = event.sample, state.gates[Sensor.GYRO]
+        if refused.report is None or event.t_ns - refused.report.t_ns > SILENT_NS:
+            state.gyro_since_ns = event.t_ns
+        if sample.up:
+            sample = replace(sample, up=beyond_error(sample.up, LEAN_ERROR))
+        gain = BiasGain.leaning(sample.up) if sample.up else state.bias_gain
+        if gain.differs(state.bias_gain):
+            turn_bias(state.ekf, state.bias_gain, gain)
+            state.bias_gain = gain
+        if state.stillness.standing and sample.cross_rate is not None:
+            state.ekf.correct(cross_rate_at_rest(state.ekf, sample.cross_rate))
+        vague = self.is_vague(sample)
+        if vague and sample.variance is not None and not state.gyro_vague:
+            state.ekf.widen(State.RATE, sample.variance)  # it may be beyond what was said so far
+        state.gyro_vague = vague
+        if vague:
+            return
+        state.turns = state.turns.with_gyro(sample)
+        variance = self.sigma(state, sample) ** 2
+        if abs(sample.yaw_rate) > FASTEST:
+            return
+        measurement = gyro_measurement(state.ekf, sample.yaw_rate, variance, scale_told=state.hears(Sensor.COMPASS))
+        S = state.ekf.innovation_variance(measurement)
+        prior, accepted_ns = S - measurement.R, refused.accepted_ns
+        if accepted_ns is not None and measurement.innovation**2 > self._gating.limit * S:
+            allow_start(state.ekf, (event.t_ns - accepted_ns) * 1e-9)
+        verdict = self._gating.judge(state, Sensor.GYRO, measurement)
+        if not state.stillness.standing and verdict is Verdict.ACCEPTED:
+            walked = math.sqrt(max(prior, 0.0) / state.ekf.agility)
+            state.agility = state.agility.after(measurement.innovation, measurement.R, walked)
+        if verdict is not Verdict.REJECTED:
+            state.trail = state.trail.add(sample)
+        self._recover(state, event, measurement, verdict, refused)
+
+    def _recover(
+        self, state: FilterState, event: GyroEvent, measurement: Measurement, verdict: Verdict, refused: Gate
+    ) -> None:
+        """After a refusal: the bias has jumped, or the robot turns harder than was to be expected."""
+        if verdict is Verdict.RECOVERED:
+            # the bias has jumped: open it until the gate is met
+            excess = measurement.innovation**2 / self._gating.limit - state.ekf.innovation_variance(measurement)
+            state.ekf.widen(State.BIAS, excess)
+            state.agreement = None
+            state.ekf.correct(measurement)
+        elif (
+            verdict is Verdict.REJECTED
+            and refused.refused_like(measurement.innovation)
+            and not state.isolation.excludes(Sensor.GYRO)
+        ):
+            # twice on the same side: the robot turns so since the last sample accepted
+            seconds = (event.t_ns - (refused.accepted_ns or event.t_ns)) * 1e-9
+            if seconds > 0.0:
+                state.ekf.widen(State.ACCELERATION, (measurement.innovation / seconds) ** 2)
+            state.ekf.widen(State.RATE, measurement.innovation**2)
+            state.ekf.widen(State.YAW, (measurement.innovation * seconds) ** 2)
+
+    def is_vague(self, sample: GyroSample) -> bool:
+        """Whether a sample says next to nothing by its own variance."""
+        return sample.variance is not None and sample.variance > (VAGUE * self._config.gyro_sigma) ** 2
+
+    def sigma(self, state: FilterState, sample: GyroSample) -> float:
+        """Standard deviation of a sample's noise, rad/s; at rest, where nothing shakes the gyro, as it is seen."""
+        if sample.variance is not None:
+            return math.sqrt(sample.variance)
+        return state.stillness.gyro_noise(self._config.gyro_sigma)
+
+
+def gyro_measurement(ekf: YawEkf, yaw_rate: float, variance: float | None, *, scale_told: bool = True) -> Measurement:
+    """What a gyro sample (rad/s, variance (rad/s)^2) says: (1 + gyro scale) rate + bias.
+
+    A sample does not tell its own scale, which is only considered: it is a factor of the rate, which the sample
+    does tell, and linearised the noise of the one would draw the other down. What tells it is a compass, by the yaw
+    that goes along with it. Without one (not `scale_told`) the scale is left out: the tracks, whose scale is not
+    known either, would seem to tell it, linearised.
+    """
+    x = ekf.x
+    rate, gain = float(x[State.RATE]), 1.0 + float(x[State.GYRO_SCALE])
+    H = np.zeros((1, DIM))
+    H[0, State.RATE], H[0, State.BIAS], H[0, State.GYRO_SCALE] = gain, 1.0, rate if scale_told else 0.0
+    R = ekf.config.gyro_sigma**2 if variance is None else variance
+    return Measurement(yaw_rate - gain * rate - float(x[State.BIAS]), H, R, consider=(State.GYRO_SCALE,))
+
+
+def cross_rate_at_rest(ekf: YawEkf, rate: float) -> Measurement:
+    """What a gyro's rate (rad/s) about the y axis of a robot that stands says: its bias."""
+    H = np.zeros((1, DIM))
+    H[0, State.CROSS_BIAS] = 1.0
+    return Measurement(rate - float(ekf.x[State.CROSS_BIAS]), H, ekf.config.gyro_sigma**2)
+
+
+def turn_bias(ekf: YawEkf, before: BiasGain, now: BiasGain) -> None:
+    """Turn the bias with the robot, which leant as `before` and leans as `now`."""
+    T = np.eye(DIM)
+    T[State.BIAS, State.BIAS] = now.own / before.own
+    T[State.BIAS, State.CROSS_BIAS] = now.cross - before.cross * now.own / before.own
+    ekf.transform(T)
+
+
+def allow_start(ekf: YawEkf, seconds: float) -> None:
+    """Let the turn rate have changed for `seconds` as it may by the configuration, if it was learnt to be calmer.
+
+    A robot that drove straight for long turns all the same.
+    """
+    missing = ekf.config.watched_rate_walk**2 * (1.0 - ekf.agility)
+    if missing > 0.0:
+        ekf.P = ekf.P.copy()
+        ekf.P[TURNING_BLOCK] += turning(missing, ekf.config.rate_ramp, min(seconds, LONGEST_STEP))[1]

@@ -1,0 +1,227 @@
+"""The track odometry, or a wheel odometry: which of its fields speak, its model, its gate, and how its slip is learnt.
+
+"Tracks" stands for wheels, too.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from compass import wrap_angle
+from compass.tilt import Vector
+from fusion.buffer.events import Sensor, TracksEvent
+from fusion.checks.gate import Verdict
+from fusion.config import FusionConfig
+from fusion.imu.tilt import heading_gain
+from fusion.samples import OdometrySample
+from fusion.state.ekf import DIM, Measurement, State, YawEkf
+from fusion.state.learnt_noise import LearntNoise
+from fusion.updates.gating import Gating
+
+if TYPE_CHECKING:
+    from fusion.state.filter_state import FilterState
+    from fusion.updates.fault_isolation import Comparison
+
+LEAST_OTHERS = 0.05  # share of an innovation's variance that is no slip, at least: what correlations hide of it
+STAMPS_APART = 4.0  # times by how much they may be off, between odometry samples whose difference in yaw is a turn rate
+TRACK_MEMORY = 300.0  # turns of the tracks; some minutes
+LONGEST_GAP_NS = 500_000_000  # between odometry samples whose rates are integrated
+
+
+@dataclass(frozen=True, slots=True)
+class TrackVoice:
+    """Which fields of the odometry have ever spoken; those a driver leaves empty are zero for ever.
+
+    Attributes
+    ----------
+    last : OdometrySample or None
+        The newest, as it came.
+    pose, twist : bool
+        Whether the pose's yaw has ever changed; whether the twist has ever been other than zero.
+    gain, lead : float
+        Rate of the heading over the robot's own at the last sample, for its lean; by how much the heading has gone
+        ahead of the poses for that reason, rad.
+    """
+
+    last: OdometrySample | None = None
+    pose: bool = False
+    twist: bool = False
+    gain: float = 1.0
+    lead: float = 0.0
+
+    def hear(self, sample: OdometrySample, up: Vector | None) -> tuple[TrackVoice, OdometrySample]:
+        """After a sample, of a robot that leans so that `up` is vertical; and what the sample says of its heading.
+
+        A pose that never speaks is left out; where only poses speak the rate is taken from them.
+        """
+        last, turn = self.last, 0.0
+        if last is not None and last.yaw is not None and sample.yaw is not None:
+            turn = float(wrap_angle(sample.yaw - last.yaw))
+        pose, twist = self.pose or turn != 0.0, self.twist or sample.yaw_rate != 0.0 or sample.speed != 0.0
+        gain = heading_gain(up) if up else 1.0
+        voice = TrackVoice(sample, pose, twist, gain, self.lead + turn * (0.5 * (self.gain + gain) - 1.0))
+        rate = sample.yaw_rate
+        if pose and not twist and last is not None and sample.t_ns > last.t_ns:
+            rate = turn / ((sample.t_ns - last.t_ns) * 1e-9)
+        yaw = sample.yaw + voice.lead if pose and sample.yaw is not None else None
+        return voice, replace(sample, yaw=yaw, yaw_rate=rate * gain)
+
+
+@dataclass(frozen=True, slots=True)
+class TrackClaim:
+    """What the tracks claim since a reference.
+
+    Attributes
+    ----------
+    reference, last : OdometrySample
+        At the reference, and the newest.
+    turn : float
+        Integral of the claimed rates from `reference` to `last`, rad.
+    """
+
+    reference: OdometrySample
+    last: OdometrySample
+    turn: float
+
+    def turn_until(self, sample: OdometrySample, mode: str) -> tuple[float | None, bool]:
+        """Turn (rad) from the reference to `sample`, None if that cannot be told; and whether modulo a turn.
+
+        By the poses if `mode` is ``pose`` and both have a yaw, else by the turn rates in between.
+        """
+        if mode == "pose" and sample.yaw is not None and self.reference.yaw is not None:
+            return sample.yaw - self.reference.yaw, True
+        gap_ns = sample.t_ns - self.last.t_ns
+        return (self.turn + sample.yaw_rate * gap_ns * 1e-9 if gap_ns <= LONGEST_GAP_NS else None), False
+
+
+class OdometryUpdate:
+    """Takes odometry samples into a state.
+
+    Parameters
+    ----------
+    config : FusionConfig
+        Of all models.
+    gating : Gating
+        The gates of all sensors.
+    comparison : Comparison
+        Ends windows where no image does.
+    """
+
+    def __init__(self, config: FusionConfig, gating: Gating, comparison: Comparison) -> None:
+        self._config = config
+        self._gating = gating
+        self._comparison = comparison
+        self._slip = LearntNoise.factor(config.slip_factor, TRACK_MEMORY)
+
+    def fuse(self, state: FilterState, event: TracksEvent) -> None:
+        """Take in what the tracks claim since their reference, once `track_interval` is over."""
+        sample, ekf, config = event.sample, state.ekf, self._config
+        state.turns = state.turns.with_tracks(sample)
+        if state.turns.ends_at_odometry(event.t_ns):
+            self._comparison.compare(state, None)
+        tracks = state.tracks
+        alone = not (state.hears(Sensor.GYRO) or state.hears(Sensor.COMPASS))
+        # seldom enough that a slip meets what the others have settled; alone, that stamps that are off do not matter
+        interval = config.track_interval
+        if alone:
+            interval = min(interval, STAMPS_APART * config.track_timing)
+        turn, modulo_turn = tracks.turn_until(sample, config.odometry) if tracks else (None, False)
+        seconds = (sample.t_ns - tracks.reference.t_ns) * 1e-9 if tracks else 0.0
+        if tracks is None or turn is None:
+            state.tracks = TrackClaim(sample, sample, 0.0)
+            refer_tracks(ekf)
+        elif seconds > 0.0 and seconds >= interval - 1e-6:
+            jerk = (sample.yaw_rate - tracks.reference.yaw_rate) * config.track_timing
+            noise = ekf.slip_speed * config.track_noise**2 * seconds + jerk**2
+            measurement = tracks_measurement(ekf, turn, noise, modulo_turn=modulo_turn, alone=alone)
+            fastest = max(sample.yaw_rate, turn / seconds, key=abs)
+            learnt = learnt_slip(ekf, (state.slip_turn, state.slip_speed), measurement, fastest, seconds)
+            verdict = self._gating.judge(state, Sensor.TRACKS, measurement)
+            if not alone and verdict is Verdict.ACCEPTED:
+                state.slip_turn, state.slip_speed = learnt
+            elif verdict is Verdict.RECOVERED:
+                # the ground has changed: learn the scale anew, and how the tracks slip on it
+                state.slip_turn, state.slip_speed = self._slip, self._slip
+                ekf.renew(State.SCALE, config.initial_scale_sigma**2, config.initial_scale)
+            state.tracks = TrackClaim(sample, sample, 0.0)
+            refer_tracks(ekf)
+        else:
+            gap = (sample.t_ns - tracks.last.t_ns) * 1e-9
+            state.tracks = TrackClaim(tracks.reference, sample, tracks.turn + sample.yaw_rate * gap)
+        note_slip(ekf, sample.yaw_rate, sample.speed)
+
+
+def tracks_measurement(ekf: YawEkf, turn: float, noise: float, *, modulo_turn: bool, alone: bool) -> Measurement:
+    """What the turn (rad) claimed since the tracks' reference says: scale times the true turn, plus their error.
+
+    `noise` is the variance of its white noise, rad^2; a pose counts no turns (`modulo_turn`). `alone` says that
+    nothing else measures the turning. The scale cannot be observed then (linearised, the tracks would seem to tell
+    it all the same), so it is only considered.
+
+    The second-order terms of scale times turn are kept (Bar-Shalom, Li & Kirubarajan 2001, section 10.3.2), but
+    not when the tracks are alone: then the two err together so that their product is right. From sample to sample
+    the turn changes by more than its noise, so the scale's error goes into the rate by the *new* turn: `H_after`.
+    """
+    M = np.zeros(DIM)
+    M[State.YAW], M[State.TRACK_REF] = 1.0, -1.0
+    PM = ekf.P @ M
+    true_turn, scale = float(M @ ekf.x), float(ekf.x[State.SCALE])
+    H = scale * M
+    H[State.TRACK_ERROR] = 1.0
+    innovation = turn - float(H @ ekf.x)
+    if modulo_turn:
+        innovation = float(wrap_angle(innovation))
+    H[State.SCALE] = true_turn
+    R = noise
+    if not alone:
+        cross = float(PM[State.SCALE])
+        innovation -= cross
+        R += float(ekf.P[State.SCALE, State.SCALE]) * max(float(M @ PM), 0.0) + cross**2
+    PH = ekf.P @ H
+    H_after = H.copy()
+    H_after[State.SCALE] += float(M @ PH) / (float(H @ PH) + R) * innovation
+    consider = (State.SCALE, State.GYRO_SCALE) if alone else (State.GYRO_SCALE,)
+    return Measurement(innovation, H[None, :], R, H_after[None, :], consider)
+
+
+def refer_tracks(ekf: YawEkf) -> None:
+    """Make the present the reference of the tracks."""
+    ekf.clone_yaw(State.TRACK_REF)
+    ekf.renew(State.TRACK_ERROR, 0.0)
+
+
+def note_slip(ekf: YawEkf, yaw_rate: float, speed: float) -> None:
+    """Note what the tracks claim (rad/s, m/s): how far they stray grows with turning and with speed."""
+    ekf.track_speed = speed
+    ekf.track_stray = math.sqrt(
+        ekf.slip_turn * (ekf.config.track_slip_turn * yaw_rate) ** 2
+        + ekf.slip_speed * (ekf.config.track_slip_speed * speed) ** 2
+    )
+
+
+def learnt_slip(
+    ekf: YawEkf, known: tuple[LearntNoise, LearntNoise], measurement: Measurement, yaw_rate: float, seconds: float
+) -> tuple[LearntNoise, LearntNoise]:
+    """How the tracks slip by turning and by driving, after a turn over `seconds`, at most at `yaw_rate`, rad/s.
+
+    What slip gives to the innovation's variance is split as it is configured, at the factors known so far.
+    """
+    config, S = ekf.config, ekf.innovation_variance(measurement)
+    white = config.track_noise**2 * seconds
+    lasting = config.slip_time * seconds  # of an integral over slip, but for a constant that cancels
+    turning = (config.track_slip_turn * yaw_rate) ** 2 * lasting
+    driving = (config.track_slip_speed * ekf.track_speed) ** 2 * lasting + white
+    slipping = ekf.slip_turn * turning + ekf.slip_speed * driving
+    slipped = float(ekf.P[State.TRACK_ERROR, State.TRACK_ERROR]) + ekf.slip_speed * white
+    share = slipped / slipping if slipping > 0.0 else 0.0
+    turning, driving = share * turning, share * driving
+    others = max(S - slipped, LEAST_OTHERS * S)
+    by_turn, by_speed = known
+    return (
+        by_turn.after(measurement.innovation, others + ekf.slip_speed * driving, math.sqrt(turning)),
+        by_speed.after(measurement.innovation, others + ekf.slip_turn * turning, math.sqrt(driving)),
+    )
