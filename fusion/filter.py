@@ -22,12 +22,12 @@ from fusion.buffer.events import (
 from fusion.checks.diagnosis import adds_up
 from fusion.checks.windows import SILENT_NS
 from fusion.config import FusionConfig
-from fusion.state.bias_prior import Agreement
+from fusion.state.bias_prior import BiasPrior
 from fusion.state.ekf import YAWS, Correction, State, Transition, YawEkf
 from fusion.state.filter_state import FilterState, believed
 from fusion.state.learnt_noise import LearntNoise
 from fusion.updates.compass import CompassUpdate
-from fusion.updates.fault_isolation import Comparison
+from fusion.updates.fault_isolation import FaultIsolation
 from fusion.updates.gating import Gating
 from fusion.updates.gyro import GyroUpdate
 from fusion.updates.odometry import TRACK_MEMORY, OdometryUpdate
@@ -49,10 +49,10 @@ class YawFilter:
 
     def __init__(self, config: FusionConfig) -> None:
         self.config = config
-        gating, comparison = Gating(config), Comparison(config)
+        gating, isolation = Gating(config), FaultIsolation(config)
         self._gyro = GyroUpdate(config, gating)
-        self._odometry = OdometryUpdate(config, gating, comparison)
-        self._compass = CompassUpdate(gating, comparison)
+        self._odometry = OdometryUpdate(config, gating, isolation)
+        self._compass = CompassUpdate(gating, isolation)
         self._standstill = StandstillUpdate(config, self._gyro)
         sigmas = config.initial_bias_sigma, config.veer_sigma
         least = config.least_bias_sigma, config.least_veer_sigma
@@ -60,10 +60,10 @@ class YawFilter:
         slip = LearntNoise.factor(config.slip_factor, TRACK_MEMORY)
         self.start = FilterState(
             YawEkf(config),
-            told_yaw=config.initial_yaw,
-            agreement=Agreement(sigmas, least) if min(sigmas) > 0.0 and not closed else None,
-            stray=LearntNoise.stray(config.compass_timing, config.compass_timing_factor),
-            agility=LearntNoise.factor(config.rate_walk_factor, GYRO_MEMORY),
+            aided_yaw=config.initial_yaw,
+            agreement=BiasPrior(sigmas, least) if min(sigmas) > 0.0 and not closed else None,
+            jitter=LearntNoise.jitter(config.compass_timing, config.compass_timing_factor),
+            rate_walk_scale=LearntNoise.factor(config.rate_walk_factor, GYRO_MEMORY),
             slip_turn=slip,
             slip_speed=slip,
         )
@@ -74,7 +74,7 @@ class YawFilter:
         """State after `event`, which must not be older than `before`; `tape` takes down how it came about."""
         state = before.fork(tape)
         if isinstance(event, TracksEvent):
-            state.track_voice, sample = before.track_voice.hear(event.sample, before.trail.up_at(event.t_ns))
+            state.odometry_fields, sample = before.odometry_fields.after(event.sample, before.trail.up_at(event.t_ns))
             event = replace(event, sample=sample)
         if before.t_ns is None:
             state.stillness = Stillness(event.t_ns, reference_ns=event.t_ns)
@@ -96,8 +96,8 @@ class YawFilter:
             self._compass.refer(state, event)
         self._standstill.settle(state)
         if state.hears(Sensor.COMPASS) or isinstance(event, HeadingEvent):
-            state.told_yaw = float(state.x[State.YAW])
-        self._hold_back(before, state, event)
+            state.aided_yaw = float(state.x[State.YAW])
+        self._lead(before, state, event)
         left = before.believes(Sensor.TRACKS) and not state.believes(Sensor.TRACKS)
         if before.unconfirmed is not None and before.unconfirmed.tracks is not None and left:
             # who contradicted says no more: it is known for good how little is known
@@ -107,12 +107,12 @@ class YawFilter:
         return state
 
     @staticmethod
-    def _hold_back(before: FilterState, state: FilterState, event: FusionEvent) -> None:
+    def _lead(before: FilterState, state: FilterState, event: FusionEvent) -> None:
         """Let the published yaw of a standing robot not jump by what it finds out of the turns before."""
         if isinstance(event, HeadingEvent):
-            state.held_back = 0.0
+            state.yaw_lead = 0.0
         elif state.stillness.standing and before.t_ns is not None:
-            state.held_back -= float(believed(state)[0][State.YAW] - believed(before)[0][State.YAW])
+            state.yaw_lead -= float(believed(state)[0][State.YAW] - believed(before)[0][State.YAW])
 
     def _confirm(self, state: FilterState, event: FusionEvent) -> None:
         """Note whether two sensors agree on the yaw, or who has spoken since they did."""
@@ -146,10 +146,10 @@ class YawFilter:
     def lost(self, state: FilterState, variance: float) -> FilterState:
         """A start from the yaw of a state, to which `variance`, rad^2, is added: it may have turned unseen."""
         x, P = self.start.x.copy(), self.start.P.copy()
-        yaw = float(believed(state)[0][State.YAW]) + state.held_back
+        yaw = float(believed(state)[0][State.YAW]) + state.yaw_lead
         x[YAWS] = yaw
         P[np.ix_(YAWS, YAWS)] = float(state.P[State.YAW, State.YAW]) + variance
-        return replace(self.start.at(x, P), told_yaw=yaw)
+        return replace(self.start.at(x, P), aided_yaw=yaw)
 
     def predicted(self, state: FilterState, t_ns: int) -> FilterState:
         """State at `t_ns`, ns, given that nothing was measured since; `state` itself where that is no later.
@@ -171,6 +171,6 @@ class YawFilter:
             watched = heard_ns is not None and t_ns - heard_ns <= WATCHED_NS and not state.gyro_vague
             seconds = (t_ns - state.t_ns) * 1e-9
             state.ekf.predict_for(seconds, still=still, watched=watched)
-            if state.held_back:
-                state.held_back *= math.exp(-seconds / SETTLING)
+            if state.yaw_lead:
+                state.yaw_lead *= math.exp(-seconds / SETTLING)
         state.t_ns = t_ns

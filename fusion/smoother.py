@@ -82,7 +82,7 @@ class Adjoint:
             since = None
         smoothed = P - P @ self.L @ P
         np.fill_diagonal(smoothed, np.maximum(np.diagonal(smoothed), LINEAR * np.diagonal(P)))
-        return replace(state.at(state.x - P @ self.l, smoothed), unconfirmed=since, held_back=0.0)
+        return replace(state.at(state.x - P @ self.l, smoothed), unconfirmed=since, yaw_lead=0.0)
 
 
 def ordered_events(samples: Iterable[Sample], config: FusionConfig) -> list[FusionEvent]:

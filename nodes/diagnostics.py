@@ -163,10 +163,10 @@ def gate_figures(report: SensorReport | None) -> dict[str, str]:
 def state_figures(sensor: Sensor, state: FilterState) -> dict[str, str]:
     """What the filter has found out about a sensor."""
     if sensor is Sensor.COMPASS:
-        stray = 1e3 * math.sqrt(state.stray.variance)
+        stray = 1e3 * math.sqrt(state.jitter.variance)
         return {"references lost": str(state.references_lost), "stamps stray by [ms]": f"{stray:.1f}"}
     if sensor is Sensor.TRACKS:
-        voice = state.track_voice
+        voice = state.odometry_fields
         spoken = [name for name, spoke in (("pose", voice.pose), ("twist", voice.twist)) if spoke]
         return {"filled in": " and ".join(spoken) or "nothing but zeros so far"}
     up = state.trail.ups[-1] if state.trail.ups else None

@@ -59,10 +59,10 @@ def test_masked_masts_do_not_hold_a_turn_back(masts, method, columns):
     tolerance = 0.55 if method == "rows" else 0.05
     assert turn_px(faint(), columns, masts, method) == pytest.approx(columns, abs=tolerance)
     if method == "rows" or abs(columns) > REACH_PX:  # without a mask they do, where sectors look about the coarse shift
-        held_back = turn_px(faint(), columns, "", method)
+        yaw_lead = turn_px(faint(), columns, "", method)
         # its sectors may disagree; in one scene of four it says so; corners have not been held back yet
         if method != "corners":
-            assert abs(held_back) < 0.5 * abs(columns)
+            assert abs(yaw_lead) < 0.5 * abs(columns)
 
 
 @pytest.mark.parametrize("distance", [4.0, 40.0])

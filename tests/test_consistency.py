@@ -16,7 +16,7 @@ from compass import YawIncrement
 from fusion import FusionConfig, Sensor, YawFusion
 from fusion.buffer.events import event_of, reference_of
 from fusion.filter import YawFilter
-from fusion.state.learnt_noise import STRAYS, LearntNoise
+from fusion.state.learnt_noise import JITTERS, LearntNoise
 
 DRIVES = 100
 STARTS = [math.radians(d) for d in (0.0, 60.0, 180.0, -120.0)] + [math.pi - 1e-6, 1e-6 - math.pi]
@@ -88,10 +88,10 @@ def test_nees_and_nis_over_drives_lie_in_their_bounds(sensors, odometry):
 def test_nees_lies_in_its_bounds_while_it_is_learnt_how_far_stamps_stray(sensors):
     """They stray by another amount in each drive, drawn from what is expected beforehand."""
     default = FusionConfig()
-    prior = np.exp(LearntNoise.stray(default.compass_timing, default.compass_timing_factor).prior)
+    prior = np.exp(LearntNoise.jitter(default.compass_timing, default.compass_timing_factor).prior)
     nees = []
     for seed in range(DRIVES):
-        stray = float(np.random.default_rng(DRIVES + seed).choice(STRAYS, p=prior / prior.sum()))
+        stray = float(np.random.default_rng(DRIVES + seed).choice(JITTERS, p=prior / prior.sum()))
         drawn = modelled(seed, compass_timing=stray)
         drive = drawn_drive(seed, sensors, 6.0, drawn, gyro_hz=25, track_hz=10, compass_hz=5)
         nees.append(run(drive, modelled(seed))[0])

@@ -50,7 +50,7 @@ def test_jacobians_equal_finite_differences(ekf):
     ]
     far = compass_measurement(ekf, 0.0, 1e-4, State.CLONE, State.YAW, far=True)
     lasting = math.sqrt(LASTING * 1e-4)
-    pairs.append((far, lambda x: x[State.YAW] - x[State.CLONE] + lasting * x[State.FAR_ERROR]))
+    pairs.append((far, lambda x: x[State.YAW] - x[State.CLONE] + lasting * x[State.LONG_BASELINE_ERROR]))
     step = 1e-6  # all models are at most bilinear, so central differences err by rounding alone: 1e-16 / 1e-6
     for measurement, expected in pairs:
         for i in range(DIM):

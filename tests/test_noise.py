@@ -9,7 +9,7 @@ from robot_drive import robot_drive
 
 from compass import YawIncrement
 from fusion import GyroSample, OdometrySample, YawFusion
-from fusion.state.bias_prior import Agreement
+from fusion.state.bias_prior import BiasPrior
 from fusion.state.learnt_noise import FACTORS, LearntNoise
 
 
@@ -63,7 +63,7 @@ def test_mixture_of_priors_equals_its_sum(seen):
     H = np.array([[1.0, -1.0]])
     K = S @ H.T / float((H @ S @ H.T)[0, 0] + R)
     x, P = K[:, 0] * seen * 0.02, S - K @ H @ S
-    x1, P1 = Agreement(priors, (priors[0] / 8.0, priors[1] / 8.0)).mixed(x, P, (0, 1))
+    x1, P1 = BiasPrior(priors, (priors[0] / 8.0, priors[1] / 8.0)).mixed(x, P, (0, 1))
     mean, variance = mixture_by_summing(x, P, priors, 8.0)
     np.testing.assert_allclose(x1, mean, rtol=0, atol=2e-5)
     np.testing.assert_allclose(np.diag(P1), variance, rtol=0.02)
@@ -72,7 +72,7 @@ def test_mixture_of_priors_equals_its_sum(seen):
 
 def test_mixture_of_priors_leaves_what_is_measured():
     x, P = np.array([0.006, -0.011]), np.diag([1e-9, 1e-9])
-    x1, P1 = Agreement((0.01, 0.02), (0.01 / 64, 0.02 / 64)).mixed(x, P, (0, 1))
+    x1, P1 = BiasPrior((0.01, 0.02), (0.01 / 64, 0.02 / 64)).mixed(x, P, (0, 1))
     np.testing.assert_allclose(x1, x, atol=1e-6)
     np.testing.assert_allclose(P1, P, atol=1e-10)
 

@@ -41,8 +41,8 @@ def batch(samples, config):
         rows.append(row)
         rhs.append(value / sigma)
 
-    agility = config.rate_walk / math.sqrt(2.0 * config.rate_ramp)
-    start = (config.initial_yaw_sigma, config.initial_rate_sigma, config.initial_bias_sigma, 1.0, agility)
+    acceleration = config.rate_walk / math.sqrt(2.0 * config.rate_ramp)
+    start = (config.initial_yaw_sigma, config.initial_rate_sigma, config.initial_bias_sigma, 1.0, acceleration)
     for index, sigma in enumerate(start):
         equation([(index, 1.0)], 0.0, sigma)
     for a, b in pairwise(stamps):

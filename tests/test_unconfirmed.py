@@ -19,7 +19,7 @@ def seen(samples, ride):
     for sample in sorted(samples, key=lambda one: one.t_ns):
         fusion.add(sample)
         estimate = fusion.estimate()
-        own = float(fusion.state.P[0, 0]) + fusion.state.held_back**2
+        own = float(fusion.state.P[0, 0]) + fusion.state.yaw_lead**2
         error, sigma = ride.error(estimate), math.sqrt(estimate.yaw_variance)
         more = math.degrees(math.degrees(estimate.yaw_variance - own))
         out.append((estimate.t_ns * 1e-9, math.degrees(error), math.degrees(sigma), more))

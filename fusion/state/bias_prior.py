@@ -23,7 +23,7 @@ NOTHING = 1e9  # variance of a measurement that tells nothing, in units of the p
 
 
 @dataclass(frozen=True, slots=True)
-class Agreement:
+class BiasPrior:
     """Standard deviations that two errors have at most, as the filter takes them to have, and at least."""
 
     sigmas: tuple[float, float]

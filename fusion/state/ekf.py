@@ -24,7 +24,7 @@ from fusion.state.process_models import integrate_gauss_markov, turning
 Array = npt.NDArray[np.float64]
 CLONES = 5  # two images and a keyframe; two views some seconds apart
 LASTING = 0.5  # share of an increment's variance that is taken to last beyond it, of one from the keyframe at most
-DELAY_WALK = 0.2  # 1/sqrt(s), wander of the camera's delay for what its stamps stray by
+DELAY_WALK = 0.2  # 1/sqrt(s), wander of the camera's delay over the timestamp jitter
 
 
 class State(IntEnum):
@@ -44,7 +44,7 @@ class State(IntEnum):
     COMPASS_ERROR = 11  # lasting error of the compass, in units of its standard deviation
     CAMERA_DELAY = 12  # from the exposure of an image to its stamp, s
     CROSS_BIAS = 13  # what the gyro adds about the robot's y axis, rad/s; a robot that leans turns it into BIAS
-    FAR_ERROR = 14  # the same of increments from some seconds ago
+    LONG_BASELINE_ERROR = 14  # the same of increments from some seconds ago
     CLONE = 15  # first of CLONES yaws at the exposure of images, rad
 
 
@@ -113,9 +113,9 @@ class YawEkf(ExtendedKalmanFilter):
     x: Array
     P: Array
     track_speed: float  # m/s, what the tracks last claimed
-    track_stray: float  # rad/s, standard deviation of the passing error they have at that
-    stray: float  # s^2, variance by which images stray from their stamps
-    agility: float  # squared factor of `watched_rate_walk`, learnt
+    slip_sigma: float  # rad/s, standard deviation of the passing error they have at that
+    jitter: float  # s^2, variance of the images' timestamp jitter
+    rate_walk_scale: float  # squared factor of `watched_rate_walk`, learnt
     slip_turn: float  # squared factor of `track_slip_turn`, learnt
     slip_speed: float  # that of `track_slip_speed` and `track_noise`
 
@@ -133,13 +133,13 @@ class YawEkf(ExtendedKalmanFilter):
         sigma[State.SCALE] = config.initial_scale_sigma
         sigma[State.GYRO_SCALE] = config.gyro_scale_sigma
         sigma[State.VEER] = config.veer_sigma
-        sigma[State.SLIP] = sigma[State.COMPASS_ERROR] = sigma[State.FAR_ERROR] = 1.0
+        sigma[State.SLIP] = sigma[State.COMPASS_ERROR] = sigma[State.LONG_BASELINE_ERROR] = 1.0
         sigma[State.CAMERA_DELAY] = config.camera_delay_sigma
         self.P = np.diag(sigma**2)
         self.P[np.ix_(YAWS, YAWS)] = config.initial_yaw_sigma**2
-        self.track_speed = self.track_stray = 0.0
-        self.stray = config.compass_timing**2
-        self.agility = self.slip_turn = self.slip_speed = 1.0
+        self.track_speed = self.slip_sigma = 0.0
+        self.jitter = config.compass_timing**2
+        self.rate_walk_scale = self.slip_turn = self.slip_speed = 1.0
         self.tape: list[Transition | Correction] | None = None  # notes every step where somebody listens
 
     def fork(self, tape: list[Transition | Correction] | None) -> YawEkf:
@@ -171,7 +171,7 @@ class YawEkf(ExtendedKalmanFilter):
         """
         config = self.config
         F, Q = np.eye(DIM), np.zeros((DIM, DIM))
-        q = config.watched_rate_walk**2 * self.agility if watched else config.rate_walk**2
+        q = config.watched_rate_walk**2 * self.rate_walk_scale if watched else config.rate_walk**2
         prior, ramp = config.initial_rate_sigma**2, config.rate_ramp
         F[State.YAW, State.RATE] = dt
         if still or self.P[State.RATE, State.RATE] + q * dt > prior:
@@ -183,10 +183,10 @@ class YawEkf(ExtendedKalmanFilter):
             F[TURNING_BLOCK], Q[TURNING_BLOCK] = turning(q, ramp, dt)
         Q[State.BIAS, State.BIAS] = Q[State.CROSS_BIAS, State.CROSS_BIAS] = config.bias_walk**2 * dt
         Q[State.SCALE, State.SCALE] = config.scale_walk**2 * dt
-        Q[State.CAMERA_DELAY, State.CAMERA_DELAY] = DELAY_WALK**2 * self.stray * dt
+        Q[State.CAMERA_DELAY, State.CAMERA_DELAY] = DELAY_WALK**2 * self.jitter * dt
         F[State.TRACK_ERROR, State.VEER] = self.track_speed * dt
-        integrate_gauss_markov(F, Q, State.SLIP, State.TRACK_ERROR, config.slip_time, 1.0, self.track_stray, dt)
-        for error in (State.COMPASS_ERROR, State.FAR_ERROR):
+        integrate_gauss_markov(F, Q, State.SLIP, State.TRACK_ERROR, config.slip_time, 1.0, self.slip_sigma, dt)
+        for error in (State.COMPASS_ERROR, State.LONG_BASELINE_ERROR):
             F[error, error] = math.exp(-dt / config.compass_error_time)
             Q[error, error] = -math.expm1(-2.0 * dt / config.compass_error_time)
         return F, Q

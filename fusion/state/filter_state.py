@@ -17,12 +17,12 @@ from fusion.checks.warnings import Warning
 from fusion.checks.windows import COMPASS_SILENT_NS, SAME_NUMBER, SILENT_NS, Turns
 from fusion.imu.tilt import BiasGain
 from fusion.samples import YawEstimate
-from fusion.state.bias_prior import Agreement
+from fusion.state.bias_prior import BiasPrior
 from fusion.state.clones import Clones
 from fusion.state.ekf import Array, Correction, State, Transition, YawEkf
 from fusion.state.learnt_noise import LearntNoise
 from fusion.updates.image_timing import GyroTrail
-from fusion.updates.odometry import TrackClaim, TrackVoice
+from fusion.updates.odometry import OdometryFields, TrackClaim
 from fusion.updates.standstill import Stillness
 
 HIDDEN_RATE = 1e-3  # rad/s; a start shows only after some hundredths of a second, at about 0.01 rad/s
@@ -42,7 +42,7 @@ class FilterState:
         The yaws it remembers.
     tracks : TrackClaim or None
         What the tracks claim since the state TRACK_REF was cloned.
-    track_voice : TrackVoice
+    odometry_fields : OdometryFields
         What of the odometry has ever spoken.
     gates : dict of Sensor to Gate
         Gate and last report of each sensor.
@@ -68,16 +68,16 @@ class FilterState:
         What the gyro said lately.
     bias_gain : BiasGain
         How the robot leans, as far as it matters to the gyro's bias.
-    told_yaw : float
+    aided_yaw : float
         The yaw when a compass last told it, or who set it, rad: since then the gyro's scale counts.
-    held_back : float
+    yaw_lead : float
         By how much the published yaw is ahead of what is believed, rad: standing, the robot finds out how far wrong it
         has turned for minutes, but its yaw does not jump.
-    agreement : Agreement or None
+    agreement : BiasPrior or None
         What is known beforehand of the gyro's bias and the tracks' veer; None once a bias has jumped.
-    stray : LearntNoise
-        How far images stray from their stamps, s.
-    agility, slip_turn, slip_speed : LearntNoise
+    jitter : LearntNoise
+        Timestamp jitter of the images, s.
+    rate_walk_scale, slip_turn, slip_speed : LearntNoise
         How much less or more than configured the turn rate changes while a gyro watches, and the tracks slip by turning
         and by driving: factors.
     """
@@ -86,7 +86,7 @@ class FilterState:
     t_ns: int | None = None
     clones: Clones = field(default_factory=Clones)
     tracks: TrackClaim | None = None
-    track_voice: TrackVoice = field(default_factory=TrackVoice)
+    odometry_fields: OdometryFields = field(default_factory=OdometryFields)
     gates: dict[Sensor, Gate] = field(default_factory=lambda: {sensor: Gate() for sensor in Sensor})
     references_lost: int = 0
     stillness: Stillness = field(default_factory=lambda: Stillness(0))
@@ -99,11 +99,11 @@ class FilterState:
     warnings: tuple[Warning, ...] = ()
     trail: GyroTrail = field(default_factory=GyroTrail)
     bias_gain: BiasGain = field(default_factory=BiasGain)
-    told_yaw: float = 0.0
-    held_back: float = 0.0
-    agreement: Agreement | None = None
-    stray: LearntNoise = field(default_factory=lambda: LearntNoise(0.0))
-    agility: LearntNoise = field(default_factory=lambda: LearntNoise(1.0))
+    aided_yaw: float = 0.0
+    yaw_lead: float = 0.0
+    agreement: BiasPrior | None = None
+    jitter: LearntNoise = field(default_factory=lambda: LearntNoise(0.0))
+    rate_walk_scale: LearntNoise = field(default_factory=lambda: LearntNoise(1.0))
     slip_turn: LearntNoise = field(default_factory=lambda: LearntNoise(1.0))
     slip_speed: LearntNoise = field(default_factory=lambda: LearntNoise(1.0))
 
@@ -121,7 +121,7 @@ class FilterState:
         """A state to be changed by one step: with an EKF of its own, which notes on `tape` what is done to it."""
         state = copy.copy(self)
         state.ekf = self.ekf.fork(tape)
-        state.ekf.stray, state.ekf.agility = self.stray.variance, self.agility.variance
+        state.ekf.jitter, state.ekf.rate_walk_scale = self.jitter.variance, self.rate_walk_scale.variance
         state.ekf.slip_turn, state.ekf.slip_speed = self.slip_turn.variance, self.slip_speed.variance
         return state
 
@@ -137,7 +137,7 @@ class FilterState:
         """Variance (rad^2) that the gyro's scale gives to the turn since a compass, or anybody, last told the yaw."""
         if self.gates[Sensor.GYRO].accepted_ns is None or self.hears(Sensor.COMPASS):
             return 0.0
-        turn = float(self.x[State.YAW]) - self.told_yaw
+        turn = float(self.x[State.YAW]) - self.aided_yaw
         return float(self.P[State.GYRO_SCALE, State.GYRO_SCALE]) * turn**2
 
     @property
@@ -193,7 +193,7 @@ class FilterState:
     def believes(self, sensor: Sensor) -> bool:
         """Whether a gyro or tracks speak and are not excluded."""
         turn = self.turns.gyro if sensor is Sensor.GYRO else self.turns.tracks
-        spoke = sensor is Sensor.GYRO or self.track_voice.pose or self.track_voice.twist
+        spoke = sensor is Sensor.GYRO or self.odometry_fields.pose or self.odometry_fields.twist
         lately = turn is not None and (self.t_ns or 0) - turn.t_ns <= SILENT_NS
         return lately and spoke and not self.isolation.excludes(sensor)
 
@@ -223,9 +223,9 @@ def estimate_of(state: FilterState) -> YawEstimate | None:
         seen[State.CAMERA_DELAY] = rate  # taken for known, as nobody else says when the robot turned
     return YawEstimate(
         t_ns=state.t_ns,
-        yaw=float(x[State.YAW]) + state.held_back,
+        yaw=float(x[State.YAW]) + state.yaw_lead,
         yaw_variance=float(seen @ P @ seen)
-        + state.held_back**2
+        + state.yaw_lead**2
         + state.scale_variance
         + state.isolation.variance(state.t_ns)
         + state.unconfirmed_variance

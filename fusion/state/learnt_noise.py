@@ -10,7 +10,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
-STRAYS = tuple(1e-4 * 10.0 ** (k / 4.0) for k in range(12))  # s, 0.1 to 56 ms, by which stamps of images may stray
+JITTERS = tuple(1e-4 * 10.0 ** (k / 4.0) for k in range(12))  # s, 0.1 to 56 ms of timestamp jitter
 STRAY_MEMORY = 300  # images while turning
 STRAY_TAIL = 10.0  # degrees of freedom of their innovations, which have other reasons, too
 FACTORS = tuple(2.0 ** (k / 2.0) for k in range(-8, 5))  # 1/16 to 4, on what is configured
@@ -45,9 +45,9 @@ class LearntNoise:
         return LearntNoise(sigma, tuple(values), prior, prior, memory, tail)
 
     @staticmethod
-    def stray(sigma: float, factor: float) -> LearntNoise:
-        """By how much the stamps of images stray, s."""
-        return LearntNoise.about(sigma, factor, STRAYS, STRAY_MEMORY, STRAY_TAIL)
+    def jitter(sigma: float, factor: float) -> LearntNoise:
+        """Timestamp jitter of the images, s."""
+        return LearntNoise.about(sigma, factor, JITTERS, STRAY_MEMORY, STRAY_TAIL)
 
     @staticmethod
     def factor(factor: float, memory: float) -> LearntNoise:

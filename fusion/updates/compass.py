@@ -20,7 +20,7 @@ from fusion.updates.image_timing import clone_exposure, exposure_of
 
 if TYPE_CHECKING:
     from fusion.state.filter_state import FilterState
-    from fusion.updates.fault_isolation import Comparison
+    from fusion.updates.fault_isolation import FaultIsolation
 
 
 class CompassUpdate:
@@ -30,20 +30,20 @@ class CompassUpdate:
     ----------
     gating : Gating
         The gates of all sensors.
-    comparison : Comparison
+    isolation : FaultIsolation
         Ends a window at an image, and lets increments in again.
     """
 
-    def __init__(self, gating: Gating, comparison: Comparison) -> None:
+    def __init__(self, gating: Gating, isolation: FaultIsolation) -> None:
         self._gating = gating
-        self._comparison = comparison
+        self._isolation = isolation
 
     def fuse(self, before: FilterState, state: FilterState, event: CompassEvent) -> None:
         """Take in an increment; the first after a gap is told what the gyro's scale may have added meanwhile."""
         ekf = state.ekf
         if before.scale_variance > 0.0 and not before.isolation.excludes(Sensor.COMPASS):
             ekf.widen(State.YAW, before.scale_variance)
-            state.told_yaw = float(ekf.x[State.YAW])
+            state.aided_yaw = float(ekf.x[State.YAW])
         self._fuse(state, event)
         if state.turns.start_ns == event.t_ns != before.turns.start_ns:
             state.turns = replace(state.turns, corrected=float(ekf.x[State.YAW]) - state.turns.start.yaw)
@@ -64,7 +64,7 @@ class CompassUpdate:
             slot = self.remember(state, event.sample.t_ref_ns, reference=True)
         increment = _levelled(event.sample, state.clones[slot])
         began_ns = state.turns.start_ns
-        moved = not increment.far and self._comparison.take_turn(state, increment, slot if known else None)
+        moved = not increment.far and self._isolation.take_turn(state, increment, slot if known else None)
         if moved and began_ns is not None:  # yaws of the window that was taken back, or of the one before, are wrong
             state.clones = state.clones.until(began_ns - WINDOW_NS, but=slot)
         elif not moved:
@@ -79,19 +79,19 @@ class CompassUpdate:
         witnessed = state.gyro_since_ns is not None and state.gyro_since_ns <= event.sample.t_ref_ns
         witnessed = witnessed and state.hears(Sensor.GYRO)
         rate = float(ekf.x[State.RATE])
-        others = max(ekf.innovation_variance(measurement) - ekf.stray * rate**2, measurement.R)
+        others = max(ekf.innovation_variance(measurement) - ekf.jitter * rate**2, measurement.R)
         verdict = self._gating.judge(state, Sensor.COMPASS, measurement) if known and not moved else None
         if known and not state.isolation.exclusions and not increment.far and not moved:
-            state.stray = state.stray.after(measurement.innovation, others, rate)
+            state.jitter = state.jitter.after(measurement.innovation, others, rate)
         if verdict is None or excluded:
             ekf.anchor(since, measurement)
         if verdict is None or excluded or increment.far:
             return
         again = state.refusal is not None and state.refusal.is_repeated_by(increment, measurement.innovation)
         if verdict is Verdict.RECOVERED or (verdict is Verdict.REJECTED and again and not witnessed):
-            self._comparison.recover(state, measurement, since, until, witnessed=witnessed)
+            self._isolation.recover(state, measurement, since, until, witnessed=witnessed)
         else:
-            self._comparison.note_refusal(state, increment, measurement, verdict)
+            self._isolation.note_refusal(state, increment, measurement, verdict)
 
     def remember(self, state: FilterState, t_ns: int, *, reference: bool) -> int:
         """Clone the yaw at the exposure of an image, as a reference or as a candidate for one; return the slot."""
@@ -115,7 +115,7 @@ def compass_measurement(
     passes the same things): a Gauss-Markov state of `compass_error`, or `LASTING` of the variance if that is less;
     of an increment from some seconds ago another one, of `LASTING` of the variance.
     """
-    error = State.FAR_ERROR if far else State.COMPASS_ERROR
+    error = State.LONG_BASELINE_ERROR if far else State.COMPASS_ERROR
     lasting = LASTING * variance if far else min(ekf.config.compass_error**2, LASTING * variance)
     H = np.zeros((1, DIM))
     H[0, until], H[0, since] = 1.0, -1.0

@@ -22,7 +22,7 @@ from fusion.updates.image_timing import GyroTrail, exposure_of
 JUMPED_BIAS = 0.01  # rad/s; one that has jumped is no longer as its driver had calibrated it
 
 
-class Comparison:
+class FaultIsolation:
     """Compares what the sensors say of the same turn, and repairs the state of a filter where they contradict.
 
     Parameters
@@ -40,11 +40,11 @@ class Comparison:
         until = exposure_of(state)
         clone = state.clones[slot] if slot is not None else None
         since = clone.exposure if clone else until
-        stray = ekf.stray * float(ekf.x[State.RATE]) ** 2
-        stray += float(ekf.P[State.CAMERA_DELAY, State.CAMERA_DELAY]) * (until.rate - since.rate) ** 2
+        timing = ekf.jitter * float(ekf.x[State.RATE]) ** 2
+        timing += float(ekf.P[State.CAMERA_DELAY, State.CAMERA_DELAY]) * (until.rate - since.rate) ** 2
         # what it saw between the stamps, as the others did
         lag = until.turn - since.turn - since.rate * (until.delay - since.delay)
-        witness = replace(increment, yaw=increment.yaw + lag, variance=increment.variance + stray)
+        witness = replace(increment, yaw=increment.yaw + lag, variance=increment.variance + timing)
         state.turns = state.turns.with_increment(witness)
         return state.turns.ends_at_image() and self.compare(state, witness)
 
@@ -113,7 +113,7 @@ class Comparison:
             seen,
             float(x[State.YAW]) - turns.start.yaw,
             repeats,
-            state.track_voice.pose or state.track_voice.twist,
+            state.odometry_fields.pose or state.odometry_fields.twist,
             float(x[State.RATE]) - turns.start.rate,
             turns.gyro is not None and BEYOND * turns.gyro.beyond >= max(turns.gyro.count, BEYOND),
             turns.corrected,

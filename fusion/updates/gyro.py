@@ -71,8 +71,8 @@ class GyroUpdate:
             allow_start(state.ekf, (event.t_ns - accepted_ns) * 1e-9)
         verdict = self._gating.judge(state, Sensor.GYRO, measurement)
         if not state.stillness.standing and verdict is Verdict.ACCEPTED:
-            walked = math.sqrt(max(prior, 0.0) / state.ekf.agility)
-            state.agility = state.agility.after(measurement.innovation, measurement.R, walked)
+            walked = math.sqrt(max(prior, 0.0) / state.ekf.rate_walk_scale)
+            state.rate_walk_scale = state.rate_walk_scale.after(measurement.innovation, measurement.R, walked)
         if verdict is not Verdict.REJECTED:
             state.trail = state.trail.add(sample)
         self._recover(state, event, measurement, verdict, refused)
@@ -146,7 +146,7 @@ def allow_start(ekf: YawEkf, seconds: float) -> None:
 
     A robot that drove straight for long turns all the same.
     """
-    missing = ekf.config.watched_rate_walk**2 * (1.0 - ekf.agility)
+    missing = ekf.config.watched_rate_walk**2 * (1.0 - ekf.rate_walk_scale)
     if missing > 0.0:
         ekf.P = ekf.P.copy()
         ekf.P[TURNING_BLOCK] += turning(missing, ekf.config.rate_ramp, min(seconds, LONGEST_STEP))[1]

@@ -127,7 +127,7 @@ def exposure(ekf: YawEkf, t_ns: int, trail: GyroTrail | None) -> Exposure:
 
 
 def clone_exposure(ekf: YawEkf, into: int, exposure: Exposure) -> None:
-    """Copy the yaw that an image of the present stamp shows: that of its exposure, which strays."""
+    """Copy the yaw that an image of the present stamp shows: that of its exposure, with its timestamp jitter."""
     T = np.eye(DIM)
     T[into] = T[State.YAW]
     T[into, State.CAMERA_DELAY] = -exposure.rate
@@ -140,4 +140,4 @@ def clone_exposure(ekf: YawEkf, into: int, exposure: Exposure) -> None:
     rate_squared = float(ekf.x[State.RATE]) ** 2 + float(ekf.P[State.RATE, State.RATE])
     ekf.transform(T)
     ekf.x[into] = exposed
-    ekf.widen(into, ekf.stray * rate_squared + exposure.variance)
+    ekf.widen(into, ekf.jitter * rate_squared + exposure.variance)

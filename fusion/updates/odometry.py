@@ -24,7 +24,7 @@ from fusion.updates.gating import Gating
 
 if TYPE_CHECKING:
     from fusion.state.filter_state import FilterState
-    from fusion.updates.fault_isolation import Comparison
+    from fusion.updates.fault_isolation import FaultIsolation
 
 LEAST_OTHERS = 0.05  # share of an innovation's variance that is no slip, at least: what correlations hide of it
 STAMPS_APART = 4.0  # times by how much they may be off, between odometry samples whose difference in yaw is a turn rate
@@ -33,7 +33,7 @@ LONGEST_GAP_NS = 500_000_000  # between odometry samples whose rates are integra
 
 
 @dataclass(frozen=True, slots=True)
-class TrackVoice:
+class OdometryFields:
     """Which fields of the odometry have ever spoken; those a driver leaves empty are zero for ever.
 
     Attributes
@@ -53,7 +53,7 @@ class TrackVoice:
     gain: float = 1.0
     lead: float = 0.0
 
-    def hear(self, sample: OdometrySample, up: Vector | None) -> tuple[TrackVoice, OdometrySample]:
+    def after(self, sample: OdometrySample, up: Vector | None) -> tuple[OdometryFields, OdometrySample]:
         """After a sample, of a robot that leans so that `up` is vertical; and what the sample says of its heading.
 
         A pose that never speaks is left out; where only poses speak the rate is taken from them.
@@ -63,7 +63,7 @@ class TrackVoice:
             turn = float(wrap_angle(sample.yaw - last.yaw))
         pose, twist = self.pose or turn != 0.0, self.twist or sample.yaw_rate != 0.0 or sample.speed != 0.0
         gain = heading_gain(up) if up else 1.0
-        voice = TrackVoice(sample, pose, twist, gain, self.lead + turn * (0.5 * (self.gain + gain) - 1.0))
+        voice = OdometryFields(sample, pose, twist, gain, self.lead + turn * (0.5 * (self.gain + gain) - 1.0))
         rate = sample.yaw_rate
         if pose and not twist and last is not None and sample.t_ns > last.t_ns:
             rate = turn / ((sample.t_ns - last.t_ns) * 1e-9)
@@ -107,14 +107,14 @@ class OdometryUpdate:
         Of all models.
     gating : Gating
         The gates of all sensors.
-    comparison : Comparison
+    isolation : FaultIsolation
         Ends windows where no image does.
     """
 
-    def __init__(self, config: FusionConfig, gating: Gating, comparison: Comparison) -> None:
+    def __init__(self, config: FusionConfig, gating: Gating, isolation: FaultIsolation) -> None:
         self._config = config
         self._gating = gating
-        self._comparison = comparison
+        self._isolation = isolation
         self._slip = LearntNoise.factor(config.slip_factor, TRACK_MEMORY)
 
     def fuse(self, state: FilterState, event: TracksEvent) -> None:
@@ -122,7 +122,7 @@ class OdometryUpdate:
         sample, ekf, config = event.sample, state.ekf, self._config
         state.turns = state.turns.with_tracks(sample)
         if state.turns.ends_at_odometry(event.t_ns):
-            self._comparison.compare(state, None)
+            self._isolation.compare(state, None)
         tracks = state.tracks
         alone = not (state.hears(Sensor.GYRO) or state.hears(Sensor.COMPASS))
         # seldom enough that a slip meets what the others have settled; alone, that stamps that are off do not matter
@@ -195,9 +195,9 @@ def refer_tracks(ekf: YawEkf) -> None:
 
 
 def note_slip(ekf: YawEkf, yaw_rate: float, speed: float) -> None:
-    """Note what the tracks claim (rad/s, m/s): how far they stray grows with turning and with speed."""
+    """Note what the tracks claim (rad/s, m/s): their slip grows with turning and with speed."""
     ekf.track_speed = speed
-    ekf.track_stray = math.sqrt(
+    ekf.slip_sigma = math.sqrt(
         ekf.slip_turn * (ekf.config.track_slip_turn * yaw_rate) ** 2
         + ekf.slip_speed * (ekf.config.track_slip_speed * speed) ** 2
     )

@@ -6,6 +6,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
+from fusion.updates.odometry import OdometryFields
 from robot_drive import fuse, robot_drive
 from scipy.spatial.transform import Rotation
 
@@ -16,7 +17,6 @@ from fusion.imu.levelling import ImuConfig, ImuLevel
 from fusion.imu.tilt import LEAN_ERROR, BiasGain, LeanLog, heading_change, heading_gain
 from fusion.offline.summary import remarks
 from fusion.state.ekf import State
-from fusion.updates.odometry_source import TrackVoice
 
 DEG = math.radians(1.0)
 BIAS = np.array([0.004, -0.005, 0.003])  # rad/s, of a gyro's three axes
@@ -194,13 +194,13 @@ def test_bias_of_the_cross_axis_is_what_it_says_at_rest():
 
 def test_tracks_poses_and_rates_become_the_headings():
     """A turn on a slope by poses at 40 Hz; the pose goes from half a turn to minus half a turn on the way."""
-    slope, voice, headings = Rotation.from_euler("y", 25.0, degrees=True), TrackVoice(), []
+    slope, voice, headings = Rotation.from_euler("y", 25.0, degrees=True), OdometryFields(), []
     angles = np.linspace(0.0, 6.0, 241)
     true = np.unwrap(heading_of(slope * Rotation.from_euler("z", angles[:, None])))
     for k, angle in enumerate(angles):
         up = up_of(slope * Rotation.from_euler("z", angle))
         sample = OdometrySample(k * 25_000_000, 1.0, 0.0, math.remainder(angle, math.tau))
-        voice, heard = voice.hear(sample, up)
+        voice, heard = voice.after(sample, up)
         headings.append(heard.yaw)
     assert np.unwrap(headings[1:])[-1] - headings[1] == pytest.approx(true[-1] - true[1], abs=1e-3)
     assert heard.yaw_rate == pytest.approx((true[-1] - true[-2]) / 0.025, abs=0.01)

@@ -8,7 +8,7 @@ import pytest
 from compass import YawIncrement, wrap_angle
 from fusion import FusionConfig, GyroSample, OdometrySample, Sensor, YawFusion
 from fusion.state.ekf import DIM, State, YawEkf
-from fusion.state.learnt_noise import STRAYS, LearntNoise
+from fusion.state.learnt_noise import JITTERS, LearntNoise
 from fusion.updates.image_timing import LONGEST_NS, GyroTrail, clone_exposure, exposure
 
 SECOND = 10**9
@@ -185,28 +185,28 @@ def test_stray_of_the_stamps_is_found_and_the_sigma_knows_of_it(stray_s):
                 estimate = fusion.estimate()
                 error = estimate.yaw - float(np.interp(sample.t_ns * 1e-9, t, yaw))
                 normalised.append(error**2 / estimate.yaw_variance)
-        found = math.sqrt(fusion.state.stray.variance)
-        assert found == pytest.approx(max(stray_s, STRAYS[0]), rel=0.5)
+        found = math.sqrt(fusion.state.jitter.variance)
+        assert found == pytest.approx(max(stray_s, JITTERS[0]), rel=0.5)
         assert fusion.reports()[Sensor.COMPASS].rejected <= 6
         assert abs(error) < math.radians(0.3)
     assert np.mean(normalised) < 2.5
 
 
 def test_stray_known_exactly_is_not_learnt():
-    for stray in (LearntNoise.stray(0.004, 1.0), LearntNoise.stray(0.0, 2.0)):
+    for stray in (LearntNoise.jitter(0.004, 1.0), LearntNoise.jitter(0.0, 2.0)):
         assert stray.after(1.0, 1e-8, 1.0) is stray
         assert stray.variance == stray.known**2
 
 
 def test_stray_is_not_learnt_while_the_robot_hardly_turns():
-    stray = LearntNoise.stray(0.005, 2.0)
+    stray = LearntNoise.jitter(0.005, 2.0)
     assert stray.after(1e-3, 1e-6, 0.01) is stray
 
 
 @pytest.mark.parametrize("true_s", [0.001, 0.02])
 def test_stray_follows_the_innovations_whatever_was_known_beforehand(true_s):
     rng = np.random.default_rng(2)
-    stray = LearntNoise.stray(0.005, 2.0)
+    stray = LearntNoise.jitter(0.005, 2.0)
     for _ in range(200):
         stray = stray.after(float(np.hypot(true_s * 0.5, 1e-4) * rng.normal()), 1e-8, 0.5)
     assert math.sqrt(stray.variance) == pytest.approx(true_s, rel=0.25)
