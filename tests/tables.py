@@ -3,9 +3,9 @@
 import math
 
 import numpy as np
-from test_exposure import swinging
+from test_image_timing import swinging
 from test_fusion_faults import with_stray_stamps
-from test_lean import on_slope
+from test_tilt import on_slope
 
 from compass import YawIncrement
 from fusion import FusionConfig, YawFusion
