@@ -3,8 +3,8 @@
 import math
 
 import numpy as np
-from test_image_timing import swinging
 from test_fusion_faults import with_stray_stamps
+from test_image_timing import swinging
 from test_tilt import on_slope
 
 from compass import YawIncrement

@@ -16,8 +16,8 @@ from fusion import GyroSample
 from fusion.offline import evaluate, evaluation, gps, scores
 from fusion.offline.cli import main
 from fusion.offline.evaluation_report import Summary, full_table, short_table, summarise_outcomes, verdict_lines
-from fusion.offline.recording import Frame, GyroTrack, OdometryTrack, TruthTrack
 from fusion.offline.scores import COMPASS, FUSED, GYRO, TRACKS, Score, YawTrack
+from fusion.offline.streams import Frame, GyroTrack, OdometryTrack, TruthTrack
 from fusion.settings import Settings
 
 SECOND = 1_000_000_000

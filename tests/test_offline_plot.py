@@ -16,8 +16,8 @@ from tiny_bags import START_NS, TinyBag, TinyDrive
 from fusion.offline import plot
 from fusion.offline.cli import main
 from fusion.offline.fuse import fuse_bag
-from fusion.offline.recording import TruthTrack
 from fusion.offline.scores import COMPASS, FUSED, YawTrack, errors
+from fusion.offline.streams import TruthTrack
 from fusion.settings import Settings
 
 DRIVE = TinyDrive(seconds=1.5, width=64)

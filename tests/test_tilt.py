@@ -6,7 +6,6 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
-from fusion.updates.odometry import OdometryFields
 from robot_drive import fuse, robot_drive
 from scipy.spatial.transform import Rotation
 
@@ -17,6 +16,7 @@ from fusion.imu.levelling import ImuConfig, ImuLevel
 from fusion.imu.tilt import LEAN_ERROR, BiasGain, LeanLog, heading_change, heading_gain
 from fusion.offline.summary import remarks
 from fusion.state.ekf import State
+from fusion.updates.odometry import OdometryFields
 
 DEG = math.radians(1.0)
 BIAS = np.array([0.004, -0.005, 0.003])  # rad/s, of a gyro's three axes

@@ -24,9 +24,10 @@ from fusion.offline.bag import Bag, BagError
 from fusion.offline.console import progress_bar
 from fusion.offline.contradiction_check import contradiction
 from fusion.offline.mounting import MASK_COLUMNS, Mask, Panorama, body_top, forward_column, static_pixels
-from fusion.offline.recording import BagRecording, Frame, Times, read_recording
+from fusion.offline.recording import BagRecording, read_recording
 from fusion.offline.run import FusedRun, fuse_recording
 from fusion.offline.scores import FUSED, YawTrack, yaw_at, yaw_tracks
+from fusion.offline.streams import Frame, Times
 from fusion.offline.summary import KNOWN_DELAY
 from fusion.offline.topics import TopicRequest, choose_topics
 from fusion.settings import Settings

@@ -6,7 +6,7 @@ import sys
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 
-from fusion.offline.recording import Progress
+from fusion.offline.streams import Progress
 
 
 @contextmanager

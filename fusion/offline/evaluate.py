@@ -21,10 +21,11 @@ from fusion import Warning
 from fusion.offline.bag import Bag, BagError
 from fusion.offline.console import progress_bar
 from fusion.offline.gps import Drift, drift, read_course
-from fusion.offline.recording import Floats, Frame, Progress, Recording, TruthTrack, read_recording
+from fusion.offline.recording import read_recording
 from fusion.offline.run import FusedRun, fuse_recording, smooth_run
 from fusion.offline.scores import COMPASS, FUSED, SMOOTHED, Score, YawTrack, errors, score, yaw_at, yaw_tracks
 from fusion.offline.simulated import SimulatedRecording
+from fusion.offline.streams import Floats, Frame, Progress, Recording, TruthTrack
 from fusion.offline.summary import warning_facts
 from fusion.offline.topics import TopicRequest, choose_topics
 from fusion.settings import Settings

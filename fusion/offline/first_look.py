@@ -9,8 +9,9 @@ from itertools import islice, takewhile
 from fusion import Warning
 from fusion.offline.bag import Bag, BagError
 from fusion.offline.console import progress_bar
-from fusion.offline.recording import BagRecording, Frame, GyroTrack, OdometryTrack, read_recording
+from fusion.offline.recording import BagRecording, read_recording
 from fusion.offline.run import fuse_recording
+from fusion.offline.streams import Frame, GyroTrack, OdometryTrack
 from fusion.offline.topics import TopicRequest, choose_topics
 from fusion.settings import Settings
 

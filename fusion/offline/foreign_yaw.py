@@ -10,8 +10,8 @@ import numpy as np
 
 from compass.errors import VisualCompassError
 from compass.files import read_bounded
-from fusion.offline.recording import unwrap
 from fusion.offline.scores import YawTrack
+from fusion.offline.streams import unwrap
 
 LARGEST = 1 << 28  # bytes: four hours at 200 Hz have a third of that
 _FORM = "lines of 't x y z qx qy qz qw', seconds and a unit quaternion"

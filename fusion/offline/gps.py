@@ -10,8 +10,8 @@ from scipy.stats import theilslopes
 
 from compass import wrap_angle
 from fusion.offline.bag import Bag
-from fusion.offline.recording import Floats, OdometryTrack, Times
 from fusion.offline.scores import YawTrack, yaw_at
+from fusion.offline.streams import Floats, OdometryTrack, Times
 
 FIX = "sensor_msgs/msg/NavSatFix"
 EARTH_RADIUS = 6_378_137.0  # m, at the equator; the error of the course is below the receiver's noise

@@ -19,7 +19,7 @@ from fusion.offline.bag import COMPRESSED_IMAGE, IMAGE, IMU, ODOMETRY, Bag, BagE
 from fusion.offline.clock_steps import YEAR_2200_NS
 from fusion.offline.console import progress_bar, table
 from fusion.offline.first_look import first_look
-from fusion.offline.recording import Floats, Times
+from fusion.offline.streams import Floats, Times
 from fusion.offline.topics import TopicRequest, choose_topics, is_depth
 from fusion.settings import Settings
 

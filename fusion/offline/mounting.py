@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from compass.methods.sector_median import SectorShifts
-from fusion.offline.recording import Floats
+from fusion.offline.streams import Floats
 
 Mask = npt.NDArray[np.bool_]
 Panorama = npt.NDArray[np.float32]

@@ -11,9 +11,9 @@ import numpy as np
 
 from fusion.buffer.events import Sensor
 from fusion.offline.bands import shade_warnings
-from fusion.offline.recording import Floats, Times
 from fusion.offline.run import FusedRun, Row
 from fusion.offline.scores import COMPASS, FUSED, GYRO, SMOOTHED, TRACKS, YawTrack, errors, yaw_at, yaw_tracks
+from fusion.offline.streams import Floats, Times
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -1,34 +1,29 @@
-"""What is fused, ordered by ``header.stamp``: small samples as arrays, panoramas as a stream."""
+"""A bag's sensors ordered by ``header.stamp``: small samples at once, panoramas one by one."""
 
 from __future__ import annotations
 
 import heapq
 import logging
-import math
-from array import array
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import islice
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from compass.errors import ImageError
-from compass.images.decode import Image
-from compass.tilt import Vector
 from fusion.buffer.events import Sensor
 from fusion.checks.warnings import Warning, WarningLog, most_serious_first
 from fusion.imu.levelling import ImuConfig, ImuLevel
-from fusion.imu.tilt import LATEST_NS, NEAR_NS, up_later
-from fusion.messages import NO_GYRO, NOTHING, MessageError, image_of, imu_reading, odometry_sample
+from fusion.messages import NO_GYRO, image_of
 from fusion.offline.bag import Bag, BagError, Message, Topic
 from fusion.offline.clock_steps import ClockSteps, Recorded
+from fusion.offline.columns import Columns, levelled, sorted_rows
 from fusion.offline.decode import decode_ahead
 from fusion.offline.stamp_check import Span, clock_warning, of_one_time, usable, wrong_stamps
+from fusion.offline.streams import Frame, GyroTrack, OdometryTrack, Progress, TruthTrack, unwrap
 from fusion.offline.topics import TopicChoice
-from fusion.samples import GyroSample, OdometrySample
 
 log = logging.getLogger(__name__)
 
@@ -36,132 +31,10 @@ FRAMES_OUT_OF_ORDER = 8  # images are put in order within so many; further ones 
 LOST = 0.01  # of all messages; single ones are dropped by any link
 FIRST_IMAGES = 20  # of which the stamp in the middle is taken for right
 SMALL = (Sensor.GYRO, Sensor.TRACKS)  # read at once
-LAST_NS = 2**63 - 1  # that can be written
 ELSEWHERE = "image: its stamp is from another time"
 CLOCK_SET = "image: its clock was set in mid drive"
 MOST_FOREIGN = 3000  # images of another time that are looked through for one of the others' time
 HOPELESS = 300  # images, none of them usable, that are tried: ten seconds of what a camera sends before it sees
-
-Floats = npt.NDArray[np.float64]
-Times = npt.NDArray[np.int64]
-Progress = Callable[[float], None]  # takes the finished part, 0..1
-
-
-@dataclass(frozen=True, slots=True)
-class GyroTrack:
-    """All gyro samples: `t_ns` (N,) sorted, `yaw_rate` (N,) rad/s about the vertical.
-
-    Also `up` (N, 3), `cross_rate` (N,) and `variance` (N,), see `GyroSample`; NaN where unknown.
-    """
-
-    t_ns: Times
-    yaw_rate: Floats
-    up: Floats
-    cross_rate: Floats
-    variance: Floats
-
-    @staticmethod
-    def of(samples: Iterable[GyroSample]) -> GyroTrack:
-        """From samples in the order of their stamps."""
-        t_ns, values = array("q"), array("d")
-        for sample in samples:
-            t_ns.append(sample.t_ns)
-            cross_rate = np.nan if sample.cross_rate is None else sample.cross_rate
-            variance = np.nan if sample.variance is None else sample.variance
-            values.extend((sample.yaw_rate, *(sample.up or (np.nan,) * 3), cross_rate, variance))
-        rows = np.frombuffer(values, np.float64).reshape(-1, 6)
-        return GyroTrack(np.frombuffer(t_ns, np.int64), rows[:, 0], rows[:, 1:4], rows[:, 4], rows[:, 5])
-
-    def until(self, t_ns: int) -> GyroTrack:
-        """Up to a stamp, ns."""
-        n = int(np.searchsorted(self.t_ns, t_ns, side="right"))
-        return GyroTrack(self.t_ns[:n], self.yaw_rate[:n], self.up[:n], self.cross_rate[:n], self.variance[:n])
-
-    def up_at(self, t_ns: int) -> Vector | None:
-        """The vertical in the robot's frame at a stamp, ns, as `LeanLog` knows it then."""
-        before = int(np.searchsorted(self.t_ns, t_ns - LATEST_NS, side="right")) - 1
-        if before < 0 or int(self.t_ns[before]) < t_ns - LATEST_NS - NEAR_NS:
-            return None
-        x, y, z = self.up[before].tolist()
-        seconds = (t_ns - int(self.t_ns[before])) * 1e-9
-        return None if math.isnan(x) else up_later((x, y, z), float(self.yaw_rate[before]), seconds)
-
-    def samples(self) -> Iterator[GyroSample]:
-        """One by one, for the filter."""
-        fields = (self.t_ns, self.yaw_rate, self.up, self.cross_rate, self.variance)
-        for t_ns, rate, up, cross_rate, variance in zip(*(column.tolist() for column in fields), strict=True):
-            yield GyroSample(
-                t_ns,
-                rate,
-                None if math.isnan(variance) else variance,
-                up=None if math.isnan(up[0]) else tuple(up),
-                cross_rate=None if math.isnan(cross_rate) else cross_rate,
-            )
-
-
-@dataclass(frozen=True, slots=True)
-class OdometryTrack:
-    """All odometry samples: `t_ns` (N,) sorted, `yaw_rate` rad/s, `speed` m/s, `yaw` rad (NaN where unknown)."""
-
-    t_ns: Times
-    yaw_rate: Floats
-    speed: Floats
-    yaw: Floats
-
-    def until(self, t_ns: int) -> OdometryTrack:
-        """Up to a stamp, ns."""
-        n = int(np.searchsorted(self.t_ns, t_ns, side="right"))
-        return OdometryTrack(self.t_ns[:n], self.yaw_rate[:n], self.speed[:n], self.yaw[:n])
-
-    def samples(self) -> Iterator[OdometrySample]:
-        """One by one, for the filter."""
-        for t_ns, *values in zip(self.t_ns, self.yaw_rate, self.speed, self.yaw, strict=True):
-            rate, speed, yaw = map(float, values)
-            yield OdometrySample(int(t_ns), rate, speed, yaw if np.isfinite(yaw) else None)
-
-
-@dataclass(frozen=True, slots=True)
-class TruthTrack:
-    """The true yaw: `t_ns` (N,) sorted, `yaw` (N,) unwrapped, rad."""
-
-    t_ns: Times
-    yaw: Floats
-
-
-@dataclass(frozen=True, slots=True)
-class Frame:
-    """A panorama: capture time, ns; pixels; their encoding ("" for grey and BGR)."""
-
-    t_ns: int
-    image: Image
-    encoding: str = ""
-
-
-class Recording(Protocol):
-    """What can be fused: read from a bag, or simulated."""
-
-    @property
-    def gyro(self) -> GyroTrack:
-        """All gyro samples."""
-
-    @property
-    def odometry(self) -> OdometryTrack:
-        """All odometry samples."""
-
-    @property
-    def truth(self) -> TruthTrack | None:
-        """The true yaw, where it is known."""
-
-    @property
-    def frame_count(self) -> int:
-        """How many panoramas there are, for progress."""
-
-    @property
-    def warnings(self) -> Iterable[Warning]:
-        """What was found to be wrong with it before it is fused."""
-
-    def frames(self) -> Iterable[Frame]:
-        """The panoramas in the order of their stamps; every call starts anew."""
 
 
 @dataclass(slots=True)
@@ -292,7 +165,7 @@ def read_recording(
     """
     dropped: Counter[str] = Counter()
     small = [topic for topic in (choice.gyro, choice.odometry, choice.truth) if topic]
-    columns_of = {topic.name: _Columns(topic) for topic in small}
+    columns_of = {topic.name: Columns(topic) for topic in small}
     total = sum(topic.count for topic in small) or 1
     for count, message in enumerate(bag.messages(*columns_of)):
         columns_of[message.topic].add(bag, message, dropped)
@@ -301,15 +174,15 @@ def read_recording(
     progress(1.0)
     level, warnings = ImuLevel(imu), WarningLog()
     choice, within = _of_one_time(bag, choice, columns_of, warnings)
-    gyro = GyroTrack.of(_levelled(_sorted(bag, columns_of, choice.gyro, 10), level, warnings))
+    gyro = GyroTrack.of(levelled(sorted_rows(bag, columns_of, choice.gyro, 10), level, warnings))
     if choice.gyro:
         without = len(columns_of[choice.gyro.name].t_ns) - gyro.t_ns.size
         if not gyro.t_ns.size:
             text = f"gyro: none of {choice.gyro.name}'s {without} messages is usable: {NO_GYRO}; it is left out"
             warnings.note([Warning("samples_lost", "gyro", bag.start_ns, text)])
         dropped += Counter({f"{choice.gyro.name}: {NO_GYRO}": without})
-    tracks = _sorted(bag, columns_of, choice.odometry, 3)
-    truth = _sorted(bag, columns_of, choice.truth, 3)
+    tracks = sorted_rows(bag, columns_of, choice.odometry, 3)
+    truth = sorted_rows(bag, columns_of, choice.truth, 3)
     return BagRecording(
         bag,
         choice,
@@ -327,7 +200,7 @@ def read_recording(
 
 
 def _of_one_time(
-    bag: Bag, choice: TopicChoice, columns: dict[str, _Columns], log: WarningLog
+    bag: Bag, choice: TopicChoice, columns: dict[str, Columns], log: WarningLog
 ) -> tuple[TopicChoice, Span | None]:
     """The topics whose stamps have time in common, their samples without those of another time; and that time.
 
@@ -399,90 +272,3 @@ def in_order(messages: Iterable[Message], window: int) -> Iterator[Message]:
             yield heapq.heappop(heap)[2]
     while heap:
         yield heapq.heappop(heap)[2]
-
-
-def unwrap(yaw: Floats) -> Floats:
-    """Unwrapped yaw, rad; unknown (NaN) yaws stay so and do not spoil the others."""
-    unwrapped = yaw.copy()
-    known = np.isfinite(yaw)
-    unwrapped[known] = np.unwrap(yaw[known])
-    return unwrapped
-
-
-class _Columns:
-    """Samples of one topic while they are read, as plain numbers."""
-
-    def __init__(self, topic: Topic) -> None:
-        self._convert = _imu_row if topic.msgtype.endswith("Imu") else _odometry_row
-        self.t_ns, self.record_ns = array("q"), array("q")
-        self.values = array("d")
-        self.fault = ""
-
-    def add(self, bag: Bag, message: Message, dropped: Counter[str]) -> None:
-        try:
-            t_ns, row = self._convert(bag.deserialize(message))
-        except MessageError as error:
-            self.fault = str(error)
-            dropped[f"{message.topic}: {error}"] += 1
-            return
-        self.t_ns.append(t_ns)
-        self.record_ns.append(min(max(message.record_ns, 0), LAST_NS))
-        self.values.extend(row)
-
-    @property
-    def stamps(self) -> Times:
-        """In the order of recording."""
-        return np.array(self.t_ns, np.int64)
-
-    @property
-    def recorded(self) -> Recorded:
-        """The stamps, and when they were recorded."""
-        return Recorded(np.array(self.record_ns, np.int64), self.stamps)
-
-    @property
-    def told(self) -> npt.NDArray[np.bool_]:
-        """Which say anything of a turn: messages of an IMU may bring the accelerometer's half only."""
-        rows = np.array(self.values).reshape(len(self.t_ns), -1)
-        return np.nan_to_num(rows[:, :3]).any(axis=1) if self._convert is _imu_row else np.ones(len(rows), bool)
-
-    def only(self, keep: npt.NDArray[np.bool_]) -> None:
-        """Leave out the others."""
-        if not keep.all():
-            rows = np.array(self.values).reshape(keep.size, -1)[keep]
-            self.record_ns = array("q", np.array(self.record_ns, np.int64)[keep].tolist())
-            self.t_ns, self.values = array("q", self.stamps[keep].tolist()), array("d", rows.ravel().tolist())
-
-
-def _imu_row(message: Any) -> tuple[int, tuple[float, ...]]:
-    reading = imu_reading(message)
-    rate, force = reading.angular_velocity or NOTHING, reading.linear_acceleration or NOTHING
-    return reading.t_ns, (*rate, *force, *(reading.orientation or (np.nan,) * 4))
-
-
-def _odometry_row(message: Any) -> tuple[int, tuple[float, ...]]:
-    sample = odometry_sample(message)
-    return sample.t_ns, (sample.yaw_rate, sample.speed, np.nan if sample.yaw is None else sample.yaw)
-
-
-def _sorted(bag: Bag, columns: dict[str, _Columns], topic: Topic | None, width: int) -> tuple[Times, Floats]:
-    """Stamps and rows of a topic by stamp; `BagError` when none of its messages was usable."""
-    if topic is None:
-        return np.zeros(0, np.int64), np.zeros((0, width))
-    read = columns[topic.name]
-    if not read.t_ns:
-        raise BagError(f"{bag.path}: {topic.name}: none of its {topic.count} messages is usable: {read.fault}")
-    t_ns = np.frombuffer(read.t_ns, np.int64)
-    order = np.argsort(t_ns, kind="stable")
-    return t_ns[order], np.frombuffer(read.values, np.float64).reshape(-1, width)[order]
-
-
-def _levelled(columns: tuple[Times, Floats], level: ImuLevel, log: WarningLog) -> Iterator[GyroSample]:
-    """Every reading in the order of time, as the live node does it; what is wrong with the IMU goes into `log`."""
-    known: tuple[Warning, ...] = ()
-    for t_ns, row in zip(columns[0].tolist(), columns[1].tolist(), strict=True):
-        sample = level.sample(t_ns, row[:3], row[3:6], row[6:])
-        if level.warnings() is not known:
-            known = level.warnings()
-            log.note(known)
-        if sample is not None:
-            yield sample

@@ -14,9 +14,9 @@ import numpy as np
 from fusion import YawEstimate
 from fusion.buffer.events import Sensor
 from fusion.offline.bag_writer import BagWriter
-from fusion.offline.recording import Floats, Times, TruthTrack
 from fusion.offline.run import FusedRun, Row
 from fusion.offline.scores import yaw_at
+from fusion.offline.streams import Floats, Times, TruthTrack
 from fusion.settings import Settings, dump_settings
 
 OPTIONAL = ("smoothed.tum",)  # not in the results of every run

@@ -17,7 +17,7 @@ from fusion import GyroSample, OdometrySample, Warning, YawEstimate, YawPipeline
 from fusion.buffer.events import Sample, Sensor
 from fusion.checks.gate import SensorReport
 from fusion.compass_rate import CompassRate
-from fusion.offline.recording import Frame, GyroTrack, OdometryTrack, Progress, Recording, TruthTrack
+from fusion.offline.streams import Frame, GyroTrack, OdometryTrack, Progress, Recording, TruthTrack
 from fusion.offline.warning_history import Warned, WarningHistory
 from fusion.settings import Settings
 

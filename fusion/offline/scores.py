@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from fusion.offline.recording import Floats, GyroTrack, OdometryTrack, Times, TruthTrack, unwrap
 from fusion.offline.run import FusedRun
+from fusion.offline.streams import Floats, GyroTrack, OdometryTrack, Times, TruthTrack, unwrap
 
 COMPASS, GYRO, TRACKS, FUSED, SMOOTHED = "raw compass", "gyro alone", "tracks alone", "fused", "smoothed"
 

@@ -13,7 +13,7 @@ import numpy as np
 from fusion.checks.warnings import Warning
 from fusion.imu.levelling import ImuConfig, ImuLevel
 from fusion.offline.bag_writer import BagWriter
-from fusion.offline.recording import Frame, GyroTrack, OdometryTrack, Progress, TruthTrack
+from fusion.offline.streams import Frame, GyroTrack, OdometryTrack, Progress, TruthTrack
 from fusion.offline.topics import TRUTH_TOPIC
 from fusion.settings import Settings
 from fusion.simulation import Drive

@@ -12,9 +12,10 @@ from compass import CompassStatus
 from fusion.buffer.events import Sensor
 from fusion.imu.tilt import lean_angle
 from fusion.offline.console import table
-from fusion.offline.recording import BagRecording, GyroTrack
+from fusion.offline.recording import BagRecording
 from fusion.offline.run import FusedRun
 from fusion.offline.scores import scores, yaw_tracks
+from fusion.offline.streams import GyroTrack
 from fusion.offline.warning_history import Warned
 
 KNOWN_DELAY = 0.005  # s, standard deviation of a camera delay that was learnt
