@@ -1,7 +1,8 @@
-"""Events in the order of their stamps, whatever the order of their arrival.
+"""Replay buffer: events in the order of their stamps, whatever the order of their arrival.
 
-The timeline keeps the events of the last `window` and the state after each. An event that comes late is put in its
-place, and what followed is replayed from the state before it.
+It keeps the events of the last `window` and the state after each. An event that comes late is put in its
+place, and what followed is replayed from the state before it: exact for any delay within the window, unlike one-step
+formulas for out-of-sequence measurements (Bar-Shalom 2002, doi:10.1109/TAES.2002.1039398).
 """
 
 from __future__ import annotations

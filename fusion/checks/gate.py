@@ -49,7 +49,10 @@ class SensorReport:
 
 
 def gate_limit(config: FusionConfig) -> float:
-    """Largest normalised innovation squared to let pass (chi-square of one degree of freedom)."""
+    """Largest normalised innovation squared to let pass (chi-square of one degree of freedom).
+
+    Bar-Shalom, Li & Kirubarajan 2001, doi:10.1002/0471221279, section 5.4.
+    """
     return float(chdtri(1, 1.0 - config.gate_probability))
 
 

@@ -70,7 +70,7 @@ class Measurement:
         Jacobian at the updated state where it differs: the gain comes from `H`, the covariance that this gain leaves
         behind from `H_after`.
     consider : tuple of State
-        States that keep value and variance, only their correlations change (Schmidt-Kalman filter).
+        States that keep value and variance, only their correlations change (Schmidt 1966, "consider" states).
     """
 
     innovation: float
@@ -267,7 +267,7 @@ class YawEkf(ExtendedKalmanFilter):
             self.K[list(measurement.consider)] = 0.0
             A = np.eye(DIM) - self.K @ H
             self.x = prior_x + self.K[:, 0] * measurement.innovation
-            self.P = A @ prior_P @ A.T + R * (self.K @ self.K.T)  # Joseph: holds for any gain
+            self.P = A @ prior_P @ A.T + R * (self.K @ self.K.T)  # Bucy & Joseph 1968: holds for any gain
         self.P = blurred(self.P, np.diagonal(prior_P))
         if not np.diagonal(self.P).min() >= 0.0:
             self.x, self.P = prior_x, loosened(prior_P)

@@ -1,7 +1,8 @@
 """Standard deviations of noises that no constant fits, learnt from innovations while driving.
 
 Good wheels and slipping tracks differ tenfold, so do the turn rates of a wheelbarrow and of a racer, and the stamps of
-a camera triggered by hardware and of one behind a web server.
+a camera triggered by hardware and of one behind a web server. A bank of hypotheses, weighted by the likelihood of the
+innovations (Magill 1965, doi:10.1109/TAC.1965.1098191).
 """
 
 from __future__ import annotations
@@ -11,8 +12,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 JITTERS = tuple(1e-4 * 10.0 ** (k / 4.0) for k in range(12))  # s, 0.1 to 56 ms of timestamp jitter
-STRAY_MEMORY = 300  # images while turning
-STRAY_TAIL = 10.0  # degrees of freedom of their innovations, which have other reasons, too
+JITTER_MEMORY = 300  # images while turning
+JITTER_TAIL = 10.0  # degrees of freedom of their innovations, which have other reasons, too
 FACTORS = tuple(2.0 ** (k / 2.0) for k in range(-8, 5))  # 1/16 to 4, on what is configured
 FACTOR_TAIL = 30.0  # slips and starts are rare and large
 
@@ -47,7 +48,7 @@ class LearntNoise:
     @staticmethod
     def jitter(sigma: float, factor: float) -> LearntNoise:
         """Timestamp jitter of the images, s."""
-        return LearntNoise.about(sigma, factor, JITTERS, STRAY_MEMORY, STRAY_TAIL)
+        return LearntNoise.about(sigma, factor, JITTERS, JITTER_MEMORY, JITTER_TAIL)
 
     @staticmethod
     def factor(factor: float, memory: float) -> LearntNoise:

@@ -17,7 +17,10 @@ _INTEGRATED = tuple((2.0**n - 4.0) / math.factorial(n) for n in range(3, 15))
 def integrate_gauss_markov(
     F: Array, Q: Array, state: int, integral: int, time: float, sigma: float, gain: float, dt: float
 ) -> None:
-    """Enter a Gauss-Markov `state` of correlation `time` and `sigma`, and `gain` times its integral."""
+    """Enter a Gauss-Markov `state` of correlation `time` and `sigma`, and `gain` times its integral.
+
+    In closed form what Van Loan 1978, doi:10.1109/TAC.1978.1101743, computes as a matrix exponential.
+    """
     x = dt / time
     faded = -math.expm1(-x)
     F[state, state] = math.exp(-x)

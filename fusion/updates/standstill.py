@@ -1,8 +1,9 @@
-"""Standstill, found from all sensors together.
+"""Standstill, found from all sensors together, and its zero-velocity update.
 
 Each sensor is watched since the last sign of motion. The robot is taken to stand once none of those that speak shows
 any, and the tracks or the compass could by now have seen a turn as slow as `RESOLUTION`: the gyro alone cannot tell a
-slow turn from its bias. One sign of motion from one sensor ends it.
+slow turn from its bias. One sign of motion from one sensor ends it. Detectors of one inertial unit are compared by Skog
+et al. 2010, doi:10.1109/TBME.2010.2060723.
 """
 
 from __future__ import annotations
