@@ -3,6 +3,7 @@
 import math
 import os
 import re
+import runpy
 import subprocess
 import sys
 from pathlib import Path
@@ -91,3 +92,9 @@ def test_every_picture_is_shown_on_a_page():
     for picture in (ROOT / "docs" / "figures").glob("*.png"):
         assert f"figures/{picture.name})" in shown, picture.name
         assert picture.stat().st_size < 250_000  # bytes; a page loads at once
+
+
+def test_tree_in_the_docs_is_that_of_the_packages():
+    house = runpy.run_path(str(ROOT / "tests" / "tools" / "house.py"))
+    page = (ROOT / "docs" / "house.md").read_text(encoding="utf-8")
+    assert house["written"](page) == page, "run python tests/tools/house.py"
