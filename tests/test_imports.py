@@ -21,7 +21,7 @@ ROOMS = {
     "fusion/buffer": {"numpy", "scipy", "compass", "fusion", "filterpy"},
     "fusion/checks": {"numpy", "scipy", "compass", "fusion"},
     "fusion/imu": {"numpy", "compass", "fusion"},
-    "fusion/simulation": NUMERICS | {"compass", "fusion"},
+    "fusion/simulation": NUMERICS | {"compass", "fusion", "platformdirs"},
     "fusion/offline": NUMERICS | {"compass", "fusion", "rosbags", "matplotlib", "click", "rich", "yaml"},
 }
 # parameter files are read by the one and written by the other

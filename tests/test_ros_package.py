@@ -25,6 +25,7 @@ KEYS = {
     "numpy": "python3-numpy",
     "scipy": "python3-scipy",
     "yaml": "python3-yaml",
+    "platformdirs": "python3-platformdirs",
     "click": "python3-click",
     "rich": "python3-rich",
     "matplotlib": "python3-matplotlib",

@@ -20,6 +20,7 @@ from typing import Protocol
 import cv2
 import numpy as np
 import numpy.typing as npt
+from platformdirs import user_cache_path
 
 Frame = npt.NDArray[np.uint8]
 Progress = Callable[[int, int], None]
@@ -47,9 +48,7 @@ class Frames(Protocol):
 def cache_directory() -> Path:
     """``$VISUAL_COMPASS_CACHE``, else ``visual-compass`` in the user's cache directory."""
     own = os.environ.get("VISUAL_COMPASS_CACHE")
-    if own:
-        return Path(own)
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "visual-compass"
+    return Path(own) if own else user_cache_path("visual-compass")
 
 
 @functools.cache
