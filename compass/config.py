@@ -69,20 +69,22 @@ class CompassConfig(ParameterSet):
         "after a gap (darkness, a camera that failed) match the last view by its corners and give the turn since; "
         "`corners` only",
     )
-    look_back: float = parameter(
+    long_baseline_interval: float = parameter(
         0.9,
         "time between increments over long baselines, some seconds, which are given to the filter and cost some ten "
         "updates each; 0: none; at most the filter's `reference_window`; `corners` only",
         unit="s",
         low=0.0,
         high=60.0,
+        formerly="look_back",
     )
-    lean_sigma: float = parameter(
+    tilt_sigma: float = parameter(
         0.02,
         "error of roll and pitch from an IMU, standard deviation; it matters while the robot is tilted",
         unit="rad",
         low=0.0,
         high=1.0,
+        formerly="lean_sigma",
     )
 
     def __post_init__(self) -> None:

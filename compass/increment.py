@@ -33,13 +33,13 @@ class YawIncrement:
     variance : float
         Variance of `yaw`, rad^2, positive.
     confidence : float
-        Normalised peak correlation, 0..1; across a gap the share of the corners in common that obey the motion found.
+        Normalised peak correlation, 0..1; across a gap the share of the common corners that are inliers.
     turn, tilt : float or None, (float, float)
         What was seen: the scene rotated by `tilt` (rad) about the camera's x and y axes, then the camera turned by
-        `turn` about its own z axis. `yaw` follows from how it was taken to lean at the reference; who knows that better
-        can do better. None: `yaw` is all that is known.
-    far : bool
-        Whether it was told by corners from a view some seconds ago (`VisualCompass.look_back`). It goes along with the
+        `turn` about its own z axis. `yaw` follows with its tilt at the reference, as the compass knew it. None: only
+        `yaw` is known.
+    long_baseline : bool
+        Whether it comes from the corners of a view some seconds ago (`VisualCompass.long_baseline`). It goes with the
         increments from image to image, and ends and starts at images that they end at, too.
     """
 
@@ -50,4 +50,9 @@ class YawIncrement:
     confidence: float
     turn: float | None = None
     tilt: tuple[float, float] = (0.0, 0.0)
-    far: bool = False
+    long_baseline: bool = False
+
+    @property
+    def far(self) -> bool:
+        """Former name of `long_baseline`; it goes with the next release."""
+        return self.long_baseline

@@ -8,12 +8,15 @@ from __future__ import annotations
 
 import dataclasses
 import difflib
+import logging
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
 from compass.errors import ConfigError
+
+log = logging.getLogger(__name__)
 
 Value = bool | int | float | str
 Config = TypeVar("Config", bound="ParameterSet")
@@ -37,6 +40,8 @@ class ParameterSpec:
         What else is allowed, in words, and checked by the config itself; empty where nothing is.
     live : bool
         Whether a running node may change it.
+    formerly : str
+        Its name until the last release, which is still read; empty where it has none.
     """
 
     name: str
@@ -48,6 +53,7 @@ class ParameterSpec:
     choices: tuple[str, ...] = ()
     others: str = ""
     live: bool = False
+    formerly: str = ""
 
     def check(self, value: Any) -> Value:
         """Return `value` in the parameter's type, or raise `ConfigError`."""
@@ -89,10 +95,11 @@ def parameter(
     choices: tuple[str, ...] = (),
     others: str = "",
     live: bool = False,
+    formerly: str = "",
 ) -> Any:
     """Declare a dataclass field that carries its description, unit and range (see `ParameterSpec`)."""
     facts = {"description": description, "unit": unit, "low": low, "high": high, "choices": choices, "others": others}
-    facts["live"] = live
+    facts |= {"live": live, "formerly": formerly}
     return dataclasses.field(default=default, metadata=facts)
 
 
@@ -113,6 +120,7 @@ class ParameterSet:
     @classmethod
     def from_dict(cls: type[Config], values: Mapping[str, Any], where: str = "") -> Config:
         """Build from a mapping; an unknown key raises `ConfigError` and suggests the nearest known one."""
+        values = cls._renamed(values, where)
         known = [spec.name for spec in cls.specs()]
         for key in values:
             if key not in known:
@@ -123,6 +131,23 @@ class ParameterSet:
             return cls(**values)
         except ConfigError as error:
             raise ConfigError(f"{where}{error}") from None
+
+    @classmethod
+    def _renamed(cls, values: Mapping[str, Any], where: str) -> dict[str, Any]:
+        """The values by their present names; a former name is told once for each reading."""
+        renamed = dict(values)
+        for spec in cls.specs():
+            if spec.formerly and spec.formerly in renamed:
+                log.warning(
+                    "%s%s is now called %s%s; the old name goes with the next release",
+                    where,
+                    spec.formerly,
+                    where,
+                    spec.name,
+                )
+                renamed.setdefault(spec.name, renamed.pop(spec.formerly))
+                renamed.pop(spec.formerly, None)
+        return renamed
 
     def to_dict(self) -> dict[str, Value]:
         """All values by name, ready for YAML."""

@@ -12,7 +12,7 @@ import numpy as np
 from compass.angles import wrap_angle
 from compass.config import CompassConfig
 from compass.errors import VisualCompassError
-from compass.features.long_baseline import Look, LookBack, View
+from compass.features.long_baseline import Comparison, LongBaselines, View
 from compass.features.matching import match_landmarks
 from compass.history import ImageHistory
 from compass.images.decode import Image
@@ -100,7 +100,7 @@ class VisualCompass:
         self._still_since_ns = 0  # when the last image was first taken, if the camera repeats it
         self._unmatched_since_ns: int | None = None
         self._sought_ns = 0  # when the last view was last sought by its corners
-        self._look_back = LookBack()
+        self._baselines = LongBaselines()
         _, entry = find_method(self.config.method)
         self._method, self._long_baseline, spread = entry.make(), entry.long_baseline, self.config.keyframe_spread
         self._keyframe_spread = spread if spread >= 0.0 else entry.keyframe_spread
@@ -164,7 +164,7 @@ class VisualCompass:
             self.status, match = CompassStatus.FOUND_AGAIN, found
         return self._accept(strip, match)
 
-    def look_back(self) -> YawIncrement | None:
+    def long_baseline(self) -> YawIncrement | None:
         """Turn from a view some seconds ago to the last image, by their corners; to be asked after each `update`.
 
         It is right to a hundredth of a degree, however much was driven past meanwhile, and takes some ten times as long
@@ -174,18 +174,18 @@ class VisualCompass:
         Returns
         -------
         YawIncrement or None
-            None where it is not due (`CompassConfig.look_back`), the last image gave no increment, or too little of the
+            None where it is not due (`long_baseline_interval`), the last image gave no increment, or too little of the
             view is left.
         """
-        look = self.due_look()
+        look = self.due_long_baseline()
         return look() if look else None
 
-    def due_look(self) -> Look | None:
-        """What `look_back` would do now, if it is due; it may be called in another thread while images go on."""
+    def due_long_baseline(self) -> Comparison | None:
+        """What `long_baseline` would do now, if it is due; it may be called in another thread while images go on."""
         good = self.status in (CompassStatus.OK, CompassStatus.FOUND_AGAIN)
         if self._last is None or not (good and self._long_baseline):
             return None
-        return self._look_back.due(View(self._last, self.yaw, self._last_variance, self._leans), self.config)
+        return self._baselines.due(View(self._last, self.yaw, self._last_variance, self._leans), self.config)
 
     def _backward(self, t_ns: int) -> bool:
         """Whether the image is to be ignored; a row of rising stamps is the true time, and the later one was wrong."""
@@ -235,7 +235,7 @@ class VisualCompass:
         self._keyframe_leans = self._leans = self._lean_of(strip) or Tilted()
         self._unmatched_since_ns, self._sought_ns = None, strip.t_ns
         view = View(strip, self.yaw, self._last_variance, self._leans) if self._keyframe is not None else None
-        self._look_back.start_from(view, strip.t_ns)
+        self._baselines.start_from(view, strip.t_ns)
 
     def _find_again(self, keyframe: Strip, strip: Strip) -> Match | None:
         """Seek the last good view, by now the keyframe, by its corners; not at once, and not at every image."""
@@ -275,7 +275,7 @@ class VisualCompass:
 
     def _lean_of(self, strip: Strip) -> Tilted | None:
         """How the camera leant, where that is known."""
-        return None if strip.up is None else Tilted.upright(beyond_error(strip.up, self.config.lean_sigma))
+        return None if strip.up is None else Tilted.upright(beyond_error(strip.up, self.config.tilt_sigma))
 
     def _judge_match(self, match: Match) -> CompassStatus:
         if not match.confidence >= self.config.min_confidence or not math.isfinite(match.variance_px2):
@@ -294,7 +294,7 @@ class VisualCompass:
         per_px = math.tau / keyframe.columns
         turn = match.shift_px * per_px
         leans, yaw = self._keyframe_leans.after(turn, match.tilt)
-        variance = match.variance_px2 * per_px**2 + self._keyframe_leans.variance(turn, self.config.lean_sigma)
+        variance = match.variance_px2 * per_px**2 + self._keyframe_leans.variance(turn, self.config.tilt_sigma)
         self.yaw += wrap_angle(self._keyframe_yaw + yaw - self.yaw)
         self.yaw_variance = self._last_variance = self._keyframe_variance + variance
         self._last = strip

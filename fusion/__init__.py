@@ -9,9 +9,10 @@ if TYPE_CHECKING:
     from fusion.checks.gate import SensorReport, Verdict
     from fusion.checks.warnings import Warning
     from fusion.config import FusionConfig
-    from fusion.pipeline import YawFusion, YawPipeline
+    from fusion.pipeline import YawPipeline
     from fusion.samples import GyroSample, OdometrySample, YawEstimate
     from fusion.smoother import smooth
+    from fusion.yaw_fusion import YawFusion
 
 __all__ = [
     "FusionConfig",
@@ -35,7 +36,7 @@ __getattr__, __dir__ = lazy_names(
         "Warning": "checks.warnings",
         "SensorReport": "checks.gate",
         "Verdict": "checks.gate",
-        "YawFusion": "pipeline",
+        "YawFusion": "yaw_fusion",
         "YawPipeline": "pipeline",
         "GyroSample": "samples",
         "OdometrySample": "samples",

@@ -2,242 +2,20 @@
 
 from __future__ import annotations
 
-import logging
-import math
-from collections import Counter
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import replace
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import numpy.typing as npt
 
 from compass import CompassConfig, YawIncrement
-from fusion.buffer.events import (
-    CompassEvent,
-    FusionEvent,
-    Sample,
-    Sensor,
-    event_of,
-    fault_of,
-    heading_of,
-    needs_reference,
-    reference_of,
-    sensor_of,
-)
-from fusion.buffer.replay import Arrival, Timeline
-from fusion.checks.faulty import FaultWatch
-from fusion.checks.gaps import GapWatch
-from fusion.checks.gate import SensorReport
+from fusion.buffer.events import Sample
 from fusion.checks.images import image_warnings
 from fusion.checks.refusal_share import RefusalWatch
-from fusion.checks.silence import SilenceWatch
-from fusion.checks.stamps import ABANDONED_NS, BACKLOG_NS, LONE_NS, ClockWatch, Elsewhen, StampSequence, confirmed
 from fusion.checks.warnings import Warning, WarningLog, most_serious_first
 from fusion.config import FusionConfig
-from fusion.filter import YawFilter
 from fusion.imu.tilt import LeanLog
 from fusion.samples import GyroSample, YawEstimate
-from fusion.state.filter_state import FilterState, estimate_of
-
-log = logging.getLogger(__name__)
-SHORTEST_REACH_NS = 1_000_000_000  # a stamp off by less does no harm that lasts
-PACE = 3  # times the last gap between two samples of a sensor, within which the next one is expected
-NEVER_NS = 2**63
-UNKNOWN_TURN = math.pi**2 / 3.0  # rad^2, variance of a heading of which nothing is known
-
-
-class YawFusion:
-    """Fuses yaw increments, gyro and track odometry into one yaw.
-
-    Samples may come from any subset of the sensors, late, out of order and twice (see `FusionConfig.lag_window`).
-    A sample that cannot be used is refused and counted in `counts`, never an error.
-    """
-
-    def __init__(self, config: FusionConfig | None = None) -> None:
-        self.config = config or FusionConfig()
-        self.counts: Counter[str] = Counter()
-        self._filter = YawFilter(self.config)
-        self.reset()
-
-    def reset(self) -> None:
-        """Forget all samples and start anew from the initial yaw; the counts stay."""
-        self._restart(self._filter.start)
-
-    def _restart(self, start: FilterState) -> None:
-        """Forget all samples and start anew from a state."""
-        lag_ns, reference_ns = (round(s * 1e9) for s in (self.config.lag_window, self.config.reference_window))
-        self._lag_ns, self._reference_ns = lag_ns, reference_ns
-        self._reach_ns = max(lag_ns, SHORTEST_REACH_NS)
-        self._timeline: Timeline[FusionEvent, FilterState] = Timeline(start, self._filter.step, lag_ns + reference_ns)
-        self._last_far: YawIncrement | None = None
-        self._ahead, self._behind = Elsewhen(True, max(lag_ns, LONE_NS)), Elsewhen(False, BACKLOG_NS)
-        self._heard: dict[Sensor, int] = {}  # newest stamp of each sensor
-        self._first_ns = NEVER_NS  # of all stamps
-        self._gaps: dict[Sensor, int] = {}  # between its last two
-        self._sequences = {sensor: StampSequence(sensor) for sensor in (Sensor.GYRO, Sensor.TRACKS)}
-        self._clocks, self._silence, self._pauses = ClockWatch(), SilenceWatch(), GapWatch()
-        self._faults = FaultWatch()
-        self._beginning: list[Sample] | None = []  # until it is confirmed
-
-    def add(self, sample: Sample) -> bool:
-        """Take a sample at its own time; False if it was refused (why is in `counts`).
-
-        One that is far ahead of all others is not believed before another confirms it; should that happen, it is taken
-        in then.
-        """
-        sensor = sensor_of(sample)
-        fault = fault_of(sample)
-        self._faults.note(sensor, sample.t_ns, fault)
-        if fault:
-            return self._refuse(sample, f"{sensor.value}: {fault}")
-        newest_ns = self._timeline.newest_ns
-        if newest_ns is not None and sample.t_ns < newest_ns - self._lag_ns:
-            return self._too_old(sample, newest_ns)
-        if newest_ns is not None and sample.t_ns > newest_ns + self._reach_of(sensor):
-            return self._wait(sample, newest_ns)
-        for other in (self._ahead, self._behind):
-            other.opposed(sensor, newest_ns or 0)
-        self._clocks.well(sensor)
-        taken = self._take(sample)
-        for waiting in self._ahead.caught_up((self._timeline.newest_ns or 0) + self._reach_ns):
-            self._take(waiting)
-        return taken
-
-    def _reach_of(self, sensor: Sensor) -> int:
-        """How far ahead of all others a sample is believed, ns; the only sensor there is keeps to its own pace."""
-        alone = all(other is sensor for other in self._heard)
-        return max(self._reach_ns, PACE * self._gaps.get(sensor, 0)) if alone else self._reach_ns
-
-    def flush(self) -> None:
-        """Take in what still waits to be confirmed and was never contradicted: no more samples will come."""
-        if self._ahead.samples and not self._ahead.against:
-            for sample in self._ahead.leave(ABANDONED_NS):
-                self._take(sample)
-
-    def _too_old(self, sample: Sample, newest_ns: int) -> bool:
-        """Refuse a sample that is older than the lag window, unless time itself has jumped back."""
-        sensor = sensor_of(sample)
-        self._refuse(sample, f"{sensor.value}: older than lag_window")
-        if newest_ns - sample.t_ns <= self._reach_ns:
-            return False  # over so short a way the others catch up by themselves
-        self._clocks.astray(sensor, sample.t_ns, newest_ns)
-        self._behind.add(sample, newest_ns)
-        if not self._behind.believed(self._heard, newest_ns, self._reach_ns):
-            return False
-        log.warning("time jumped back to %d ns: fusion starts anew", sample.t_ns)
-        self.counts["reset: time jumped back"] += 1
-        group = self._behind.leave(ABANDONED_NS)
-        astray = self._began_astray(group, newest_ns)
-        self._restart(self._filter.start if astray else self._filter.lost(self._timeline.state, UNKNOWN_TURN))
-        if not astray:
-            self._pauses.jumped(newest_ns, group[0].t_ns)
-        for one in group:
-            self._take(one)
-        return True
-
-    def _wait(self, sample: Sample, newest_ns: int) -> bool:
-        """Let a sample wait that is far ahead; False as long as no other confirms it."""
-        sensor = sensor_of(sample)
-        self._refuse(sample, f"{sensor.value}: far ahead of all others")
-        self._clocks.astray(sensor, sample.t_ns, newest_ns)
-        self._ahead.add(sample, newest_ns)
-        if not self._ahead.believed(self._heard, newest_ns, self._reach_ns):
-            return False
-        group = self._ahead.leave(ABANDONED_NS)
-        if self._began_astray(group, newest_ns):
-            self.reset()
-        self._clocks = ClockWatch()
-        for one in group:
-            self._take(one)
-        return True
-
-    def _began_astray(self, group: list[Sample], newest_ns: int) -> bool:
-        """Whether all before these samples of another time was a wrong stamp at the very start, or a foreign clock.
-
-        It never was confirmed; or it was one sensor's alone, for no longer than the others were at that other time.
-        """
-        span_ns = group[-1].t_ns - group[0].t_ns
-        if self._beginning is not None and abs(group[0].t_ns - newest_ns) > PACE * span_ns:
-            return True
-        others = {sensor_of(sample) for sample in group} - self._heard.keys()
-        lived_ns = newest_ns - min(self._first_ns, newest_ns)
-        return len(self._heard) == 1 and bool(others) and lived_ns <= span_ns + self._reach_ns
-
-    def _take(self, sample: Sample) -> bool:
-        """Put a sample whose stamp is believed into the timeline; False if there is one at its place already."""
-        sensor = sensor_of(sample)
-        if self._beginning is not None:
-            self._beginning.append(sample)
-            self._beginning = None if confirmed(self._beginning) else self._beginning[:1]
-        event = event_of(sample)
-        if self._timeline.holds(event):
-            return self._refuse(sample, f"{sensor.value}: duplicate")
-        if sensor in self._sequences and not self._sequences[sensor].fits(sample.t_ns):
-            return self._refuse(sample, f"{sensor.value}: its stamp repeats or goes back")
-        if isinstance(event, CompassEvent):
-            self._remember_reference(event.sample)
-        arrival = self._timeline.add(event)
-        if sample.t_ns > self._heard.get(sensor, sample.t_ns):
-            self._gaps[sensor] = sample.t_ns - self._heard[sensor]
-        self._heard[sensor] = max(self._heard.get(sensor, 0), sample.t_ns)
-        self._first_ns = min(self._first_ns, sample.t_ns)
-        self._silence.hear(sensor, sample.t_ns)
-        self._pauses.hear(sample.t_ns, sample.t_ref_ns if isinstance(sample, YawIncrement) else None)
-        self.counts[f"{sensor.value}: {'late' if arrival is Arrival.LATE else 'in order'}"] += 1
-        return True
-
-    def _remember_reference(self, increment: YawIncrement) -> None:
-        """See to it that the filter has the yaw at an increment's reference, as far as it may go back for that."""
-        first = self._timeline.newest_ns is None  # then there is no yaw but the initial one, which it had then
-        if first or needs_reference(increment, self._last_far, self._reference_ns):
-            self._timeline.add(reference_of(increment))
-        if increment.far:
-            self._last_far = increment
-
-    def set_yaw(self, heading: float, variance: float) -> None:
-        """Say what the yaw is now, modulo a turn (rad, variance rad^2): the turn count and all references stay.
-
-        Raises
-        ------
-        ValueError
-            `heading` or `variance` is not finite, or `variance` not positive.
-        """
-        if not (math.isfinite(heading) and math.isfinite(variance) and variance > 0.0):
-            raise ValueError(
-                f"heading {heading!r} rad, variance {variance!r} rad^2: finite and positive ones are needed"
-            )
-        self._timeline.add(heading_of(self._timeline.newest_ns or 0, heading, variance))
-
-    def _refuse(self, sample: Sample, reason: str) -> bool:
-        """Count and log a refused sample; always False."""
-        self.counts[reason] += 1
-        log.debug("refused %s: %r", reason, sample)
-        return False
-
-    def estimate(self, t_ns: int | None = None) -> YawEstimate | None:
-        """The estimate after the newest sample, predicted to `t_ns`, ns, where that is later; None before the first."""
-        state = self._timeline.state
-        estimate = estimate_of(state if t_ns is None else self._filter.predicted(state, t_ns))
-        stamps = self.stamp_warnings()
-        if estimate is None or not stamps:
-            return estimate
-        return replace(estimate, warnings=tuple(most_serious_first((*estimate.warnings, *stamps))))
-
-    def stamp_warnings(self) -> list[Warning]:
-        """What is wrong with clocks and stamps, and who is missing; known before there is an estimate."""
-        found = self._clocks.warnings()
-        found += self._silence.warnings([warning.sensor for warning in found])
-        found += self._pauses.warnings() + self._faults.warnings()
-        return found + [w for sequence in self._sequences.values() for w in sequence.warnings()]
-
-    @property
-    def state(self) -> FilterState:
-        """All that the filter knows after the newest sample: state, covariance, gates."""
-        return self._timeline.state
-
-    def reports(self) -> Mapping[Sensor, SensorReport | None]:
-        """How the last sample of each sensor fared at its gate."""
-        return {sensor: gate.report for sensor, gate in self._timeline.state.gates.items()}
+from fusion.yaw_fusion import YawFusion
 
 
 class YawPipeline:
@@ -247,7 +25,7 @@ class YawPipeline:
     ----------
     leans : LeanLog
         What the gyro's samples said of the robot's lean; the compass asks it.
-    far : YawIncrement or None
+    long_baseline : YawIncrement or None
         What the last image gave from a view some seconds ago.
     warning_sources : list of callable
         What else says what is wrong at present, each without arguments: images, levelling, whoever feeds the pipeline.
@@ -265,15 +43,23 @@ class YawPipeline:
         # the delay as given: what is learnt beyond it would depend on who came late
         known_ns = round(1e9 * self.fusion.config.camera_delay)
         self.compass = VisualCompass(compass_config or CompassConfig(), lambda t_ns: self.leans.at(t_ns - known_ns))
-        self.far: YawIncrement | None = None
+        self.long_baseline: YawIncrement | None = None
+
+    def measure_image(self, t_ns: int, image: npt.NDArray[Any], encoding: str = "") -> YawIncrement | None:
+        """What the compass makes of a panorama captured at `t_ns`, not fused: half of `add_image`.
+
+        It may run in a thread of its own; the other half is `add`, with this increment and one over a long baseline.
+        """
+        increment: YawIncrement | None = self.compass.update(t_ns, image, encoding)
+        return increment
 
     def add_image(self, t_ns: int, image: npt.NDArray[Any], encoding: str = "") -> YawIncrement | None:
         """Feed a panorama captured at `t_ns`; what it gives is fused, and the increment from the keyframe returned."""
-        increment: YawIncrement | None = self.compass.update(t_ns, image, encoding)
-        self.far = self.compass.look_back()
-        for one in (increment, self.far):
+        increment = self.measure_image(t_ns, image, encoding)
+        self.long_baseline = self.compass.long_baseline()
+        for one in (increment, self.long_baseline):
             if one is not None:
-                self.fusion.add(one)
+                self.add(one)
         return increment
 
     def add(self, sample: Sample) -> bool:
@@ -306,7 +92,7 @@ class YawPipeline:
         self.fusion.flush()
 
     def reset(self) -> None:
-        """Start compass and fusion anew."""
+        """Start compass and fusion anew; no image may be measured meanwhile."""
         self.leans.clear()
         self._log.clear()
         self._refusals.clear()

@@ -93,14 +93,14 @@ def ordered_events(samples: Iterable[Sample], config: FusionConfig) -> list[Fusi
             continue
         event = event_of(sample)
         events[event.order] = event
-    last_far, first_order = None, min(events, default=())
+    last_long, first_order = None, min(events, default=())
     for event in sorted((e for e in events.values() if isinstance(e, CompassEvent)), key=attrgetter("order")):
         increment = event.sample
         first = event.order == first_order
-        if first or needs_reference(increment, last_far, config.reference_window * 1e9):
+        if first or needs_reference(increment, last_long, config.reference_window * 1e9):
             reference = reference_of(increment)
             events[reference.order] = reference
-        last_far = increment if increment.far else last_far
+        last_long = increment if increment.long_baseline else last_long
     return [events[order] for order in sorted(events)]
 
 

@@ -61,7 +61,7 @@ class BagPlan:
 
 
 def plan_bag(given: Mapping[str, str], parameters: str) -> BagPlan:
-    """Look into the bag and check the arguments.
+    """Comparison into the bag and check the arguments.
 
     Parameters
     ----------

@@ -17,7 +17,7 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 from sensor_msgs.msg import CompressedImage, Image
 
 from compass import CompassStatus, VisualCompass, YawIncrement
-from compass.features.long_baseline import Look
+from compass.features.long_baseline import Comparison
 from fusion.compass_rate import CompassRate
 from fusion.messages import image_of, stamp_to_ns
 from fusion.settings import Settings
@@ -46,6 +46,8 @@ class CompassStream:
         Only this stream calls its `update`.
     log : ThrottledLog
         Told of every image that cannot be used.
+    measure : callable, optional
+        Makes an increment of stamp, image and encoding: `VisualCompass.update`, or `YawPipeline.measure_image`.
     use : callable, optional
         Takes every increment, in the image thread, or that which looks back; tells `health` whether it was used.
     """
@@ -56,12 +58,14 @@ class CompassStream:
         settings: Settings,
         compass: VisualCompass,
         log: ThrottledLog,
+        measure: Callable[[int, Any, str], YawIncrement | None] | None = None,
         use: Callable[[YawIncrement], object] | None = None,
     ) -> None:
         topics = settings.topics
         self._node = node
         self._compass = compass
         self._log = log
+        self._measure = measure or compass.update
         self._use = use
         self._frames = (topics.odom_frame, topics.base_frame)
         self._busy = threading.Lock()  # held while an image is worked on
@@ -77,7 +81,7 @@ class CompassStream:
         work = surviving(node, self.topic, log, self._work)
         self._worker: NewestWorker[ImageMessage] = NewestWorker(work, "images")
         look = surviving(node, self.topic, log, self._look)
-        self._back: NewestWorker[Look] = NewestWorker(look, "looking back")  # takes longer than an image may
+        self._back: NewestWorker[Comparison] = NewestWorker(look, "looking back")  # takes longer than an image may
         self._publisher = node.create_publisher(Odometry, topics.compass_output_topic, 10)
         node.create_subscription(
             self._kind,
@@ -93,10 +97,11 @@ class CompassStream:
         self.settings = settings
         self._compass.config = settings.compass
 
-    def reset(self) -> None:
-        """Start the compass anew, once the image in work is done."""
+    def reset(self, reset: Callable[[], None] | None = None) -> None:
+        """Start the compass anew, by `reset` if given, once the image in work is done and before the next."""
         with self._busy:
-            self._reset()
+            (reset or self._compass.reset)()
+            self._rate = CompassRate()
 
     def close(self) -> None:
         """End the threads."""
@@ -112,10 +117,6 @@ class CompassStream:
         figures |= compass_figures(self._compass, self._confidence)
         return level, text, figures | self._log.figures(self.topic)
 
-    def _reset(self) -> None:
-        self._compass.reset()
-        self._rate = CompassRate()
-
     def _receive(self, message: ImageMessage, info: dict[str, Any]) -> None:
         self._gaps.see(info.get("publication_sequence_number"))
         self.health.receive(time.monotonic())
@@ -129,13 +130,13 @@ class CompassStream:
         compass = self._compass
         t_ns = stamp_to_ns(message.header.stamp)
         image, encoding = image_of(message, compass.config.columns)
-        increment = compass.update(t_ns, image, encoding)
+        increment = self._measure(t_ns, image, encoding)
         if increment is not None:
             self._confidence = increment.confidence
             self._publish(increment)
             if self._use is not None:
                 self._use(increment)
-                look = compass.due_look()
+                look = compass.due_long_baseline()
                 if look is not None:
                     self._back.offer(look)
         elif compass.status is not CompassStatus.FIRST_FRAME:
@@ -144,10 +145,10 @@ class CompassStream:
         if increment is None or self._use is None:
             self.health.use(time.monotonic(), t_ns)
 
-    def _look(self, look: Look) -> None:
-        far = look()
-        if far is not None and self._use is not None:
-            self._use(far)
+    def _look(self, look: Comparison) -> None:
+        increment = look()
+        if increment is not None and self._use is not None:
+            self._use(increment)
 
     def _publish(self, increment: YawIncrement) -> None:
         compass = self._compass

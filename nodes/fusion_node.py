@@ -63,7 +63,9 @@ class FusionNode(Node):
         self._broadcaster = transform_broadcaster(self) if topics.publish_tf else None
         self._listen(Sensor.GYRO, lambda message: gyro_sample(message, self._level))
         self._listen(Sensor.TRACKS, odometry_sample)
-        self._stream = CompassStream(self, settings, self._pipeline.compass, self._log, self._queue.send)
+        self._stream = CompassStream(
+            self, settings, self._pipeline.compass, self._log, self._pipeline.measure_image, self._queue.send
+        )
         self._health[Sensor.COMPASS], self._topics[Sensor.COMPASS] = self._stream.health, self._stream.topic
         parameters.on_change(self._apply)
         self.create_service(Empty, "~/reset", self._on_reset)
@@ -99,7 +101,7 @@ class FusionNode(Node):
             if not self._pipeline.add(sample):
                 why = fault_of(sample) or "late beyond lag_window, far ahead of all others, or known already"
                 self._log(self._topics[sensor], f"refused: {why}")
-            elif not (isinstance(sample, YawIncrement) and sample.far):  # that is the second of its image
+            elif not (isinstance(sample, YawIncrement) and sample.long_baseline):  # that is the second of its image
                 self._count(sensor, sample.t_ns)
         self._publish()
 
@@ -134,10 +136,8 @@ class FusionNode(Node):
 
     def _reset(self) -> None:
         """Start everything anew."""
-        self._stream.reset()
+        self._stream.reset(self._pipeline.reset)
         self._queue.clear()
-        self._pipeline.leans.clear()
-        self._pipeline.fusion.reset()
         self._level.reset()
         self._tell.clear()
 

@@ -72,7 +72,7 @@ def far_increments(drive, seed, config=None, every=5, held=3):
         variance = float(rng.uniform(0.1e-3, 0.4e-3)) ** 2
         error = math.sqrt(LASTING) * lasting[until] + math.sqrt(1.0 - LASTING) * rng.normal()
         turn = float(wrap_angle(drive.yaw[until] - drive.yaw[since] + math.sqrt(variance) * error))
-        out.append(YawIncrement(reference, image.t_ns, turn, variance, 0.9, far=True))
+        out.append(YawIncrement(reference, image.t_ns, turn, variance, 0.9, long_baseline=True))
         if count % held == 0:
             reference = image.t_ns
     return out

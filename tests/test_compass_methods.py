@@ -139,11 +139,11 @@ def test_method_that_gives_no_match_is_named(module):
 def test_views_far_back_are_compared_for_corners_only():
     register_method("three", always_three)
     for method in ("three", "rows"):
-        one = VisualCompass(CompassConfig(method=method, look_back=0.1))
+        one = VisualCompass(CompassConfig(method=method, long_baseline_interval=0.1))
         image = as_bytes(scene(3, 512, 128))
         for index in range(6):
             one.update(START_NS + index * FRAME_NS, np.roll(image, 3 * index, axis=1))
-            assert one.due_look() is None
+            assert one.due_long_baseline() is None
 
 
 def test_worker_processes_know_what_was_registered_in_this_one():

@@ -48,7 +48,7 @@ def test_jacobians_equal_finite_differences(ekf):
         (tracks_measurement(ekf, 0.0, 1e-4, modulo_turn=True, alone=True), expected_track_turn),
         (compass_measurement(ekf, 0.0, 1e-4, State.CLONE, State.YAW), lambda x: expected_compass(x, ekf.config, 1e-4)),
     ]
-    far = compass_measurement(ekf, 0.0, 1e-4, State.CLONE, State.YAW, far=True)
+    far = compass_measurement(ekf, 0.0, 1e-4, State.CLONE, State.YAW, long_baseline=True)
     lasting = math.sqrt(LASTING * 1e-4)
     pairs.append((far, lambda x: x[State.YAW] - x[State.CLONE] + lasting * x[State.LONG_BASELINE_ERROR]))
     step = 1e-6  # all models are at most bilinear, so central differences err by rounding alone: 1e-16 / 1e-6

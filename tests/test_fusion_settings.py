@@ -58,7 +58,9 @@ def random_samples(seed, sensors, count=60):
         else:
             ref_ns, then = yaws[rng.integers(max(len(yaws) - 3, 0), len(yaws))]
             variance = float(10.0 ** rng.uniform(-11.0, -4.0))
-            yield YawIncrement(ref_ns, t_ns, float(wrap_angle(yaw - then)), variance, 0.9, far=bool(rng.random() < 0.2))
+            yield YawIncrement(
+                ref_ns, t_ns, float(wrap_angle(yaw - then)), variance, 0.9, long_baseline=bool(rng.random() < 0.2)
+            )
             yaws.append((t_ns, yaw))
 
 

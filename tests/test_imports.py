@@ -40,7 +40,7 @@ NEVER = {
     "fusion/imu": ("fusion.offline", "fusion.simulation"),
     "fusion/simulation": (
         *(f"compass.{name}" for name in ("visual_compass", "increment", "tilt", "images", "methods", "features")),
-        *(f"fusion.{name}" for name in ("filter", "pipeline", "smoother", "samples", "checks", "imu", "offline")),
+        *(f"fusion.{name}" for name in ("filter", "pipeline", "yaw_fusion", "smoother", "checks", "imu", "offline")),
     ),
 }
 HIDDEN = ("rclpy", "sensor_msgs", "nav_msgs", "std_msgs", "diagnostic_msgs", "builtin_interfaces", "nodes")

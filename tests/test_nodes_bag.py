@@ -260,7 +260,7 @@ def test_live_and_offline_end_on_the_same_fused_yaw(tmp_path):
     expected = fused_odometry(offline.rows[-1].fused, ("odom", "base_link"))
     readings = [row.compass for row in offline.rows if row.compass]
     images = 1 + sum(bool(one.increment) for one in readings)  # what is half out of the picture gives no answer
-    assert sum(bool(one.far) for one in readings) >= 2  # live, they come late
+    assert sum(bool(one.long_baseline) for one in readings) >= 2  # live, they come late
     all_of_them = {"images": images, "gyro": offline.gyro.t_ns.size, "tracks": offline.odometry.t_ns.size}
     assert images > 0.8 * IMAGES
     for rate in (1.0, 0.5, 0.2, 0.1):  # a loaded machine drops a frame, as it should: then the samples are not the same

@@ -106,3 +106,14 @@ def test_settings_relative_mask_counts_from_the_folder_of_the_yaml(tmp_path, mon
 def test_settings_absolute_mask_stays(tmp_path):
     path = write(tmp_path, "/**: {ros__parameters: {compass.mask: /robot/mask.png}}")
     assert load_settings(path).compass.mask == "/robot/mask.png"
+
+
+def test_former_name_of_a_parameter_is_read_and_told_once(tmp_path, caplog):
+    file = write(tmp_path, "/**:\n  ros__parameters:\n    compass: {look_back: 2.0, lean_sigma: 0.03}\n")
+    with caplog.at_level("WARNING"):
+        compass = load_settings(file).compass
+    assert (compass.long_baseline_interval, compass.tilt_sigma) == (2.0, 0.03)
+    told = [record.getMessage() for record in caplog.records]
+    assert len(told) == 2
+    assert told[0].startswith("compass.look_back is now called compass.long_baseline_interval")
+    assert "look_back" not in compass.to_dict()

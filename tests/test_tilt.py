@@ -143,7 +143,7 @@ def on_slope(seed, lean_deg, *, told=True, **kwargs):
     def change(sample):
         if isinstance(sample, YawIncrement):
             up = up_of(slope * Rotation.from_euler("z", drive.yaw[sample.t_ref_ns // 10**6]))
-            variance = Tilted.upright(up).variance(sample.yaw, CompassConfig().lean_sigma) if told else 0.0
+            variance = Tilted.upright(up).variance(sample.yaw, CompassConfig().tilt_sigma) if told else 0.0
             return replace(sample, variance=sample.variance + variance, turn=sample.yaw)
         if isinstance(sample, OdometrySample):
             return sample

@@ -17,7 +17,7 @@ from compass.increment import CompassStatus, YawIncrement
 from compass.methods.match import Search
 from compass.tilt import Tilted
 
-Look = Callable[[], YawIncrement | None]
+Comparison = Callable[[], YawIncrement | None]
 OLDEST_NS = 4_000_000_000  # no further back
 BLURRED = math.radians(0.012)  # nor to a view that left the turn since then known no better
 ASTRAY = math.radians(0.15)  # from what the increments say; corners may obey a wrong motion
@@ -43,7 +43,7 @@ class View:
     leans: Tilted
 
 
-class LookBack:
+class LongBaselines:
     """Remembers a view, and compares it from time to time with the present one."""
 
     def __init__(self) -> None:
@@ -52,13 +52,13 @@ class LookBack:
         self._moving = threading.Lock()  # a comparison may end in another thread
 
     def start_from(self, view: View | None, t_ns: int) -> None:
-        """Look back at this view from now on, or, where it shows nothing, at the next one."""
+        """Comparison back at this view from now on, or, where it shows nothing, at the next one."""
         with self._moving:
             self._view, self._last_ns = view, t_ns
 
-    def due(self, now: View, config: CompassConfig) -> Look | None:
+    def due(self, now: View, config: CompassConfig) -> Comparison | None:
         """The comparison with the present view, if it is time for one: in whatever thread, before the next is due."""
-        t_ns, interval_ns = now.strip.t_ns, config.look_back * 1e9
+        t_ns, interval_ns = now.strip.t_ns, config.long_baseline_interval * 1e9
         if not interval_ns or t_ns - self._last_ns < interval_ns:
             return None
         view, self._last_ns = self._view, t_ns
@@ -76,11 +76,11 @@ class LookBack:
         turn, variance = match.shift_px * per_px, match.variance_px2 * per_px**2
         yaw = view.leans.after(turn, match.tilt)[1]
         refused = match.status is not CompassStatus.OK or abs(wrap_angle(yaw - expected)) > reach
-        old = now.strip.t_ns - view.strip.t_ns > OLDEST_NS - config.look_back * 1e9
+        old = now.strip.t_ns - view.strip.t_ns > OLDEST_NS - config.long_baseline_interval * 1e9
         with self._moving:
             if self._view is view and (refused or old or variance > BLURRED**2):
                 self._view = now
         if refused:
             return None
-        told = yaw, float(variance + view.leans.variance(turn, config.lean_sigma)), match.confidence, turn, match.tilt
-        return YawIncrement(view.strip.t_ns, now.strip.t_ns, *told, far=True)
+        told = yaw, float(variance + view.leans.variance(turn, config.tilt_sigma)), match.confidence, turn, match.tilt
+        return YawIncrement(view.strip.t_ns, now.strip.t_ns, *told, long_baseline=True)

@@ -27,7 +27,7 @@ class MethodEntry:
     keyframe_spread : float
         `Match.spread_px` up to which a keyframe stays the reference, if the settings do not say, columns.
     long_baseline : bool
-        Whether views some seconds back are compared too, by their corners (`look_back`, `find_again`).
+        Whether views some seconds back are compared too, by their corners (`long_baseline_interval`, `find_again`).
     """
 
     method: str | Method | type

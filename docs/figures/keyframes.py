@@ -16,7 +16,7 @@ def main() -> None:
         increment = compass.update(int(drive.frame_truth.t_ns[index]), drive.frame(index))
         if increment is not None:
             keyframes.setdefault(increment.t_ref_ns, []).append(increment.t_ns)
-        baseline = compass.look_back()
+        baseline = compass.long_baseline()
         if baseline is not None:
             baselines.append(baseline)
 

@@ -64,7 +64,7 @@ class ReferenceEvent:
 
     t_ns: int
     order: tuple[int | float, ...]
-    far: bool = False
+    long_baseline: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,20 +90,24 @@ def event_of(sample: Sample) -> FusionEvent:
         pose = (0, 0.0) if sample.yaw is None else (1, sample.yaw)
         return TracksEvent(sample, t, (t, Rank.TRACKS, sample.yaw_rate, sample.speed, *pose))
     told = sample.t_ref_ns, sample.yaw, sample.variance, sample.confidence
-    return CompassEvent(sample, t, (t, Rank.COMPASS, sample.far, *told))
+    return CompassEvent(sample, t, (t, Rank.COMPASS, sample.long_baseline, *told))
 
 
 def reference_of(increment: YawIncrement) -> ReferenceEvent:
     """Make the event that remembers the yaw at an increment's reference."""
-    return ReferenceEvent(increment.t_ref_ns, (increment.t_ref_ns, Rank.REFERENCE, increment.far), increment.far)
+    return ReferenceEvent(
+        increment.t_ref_ns, (increment.t_ref_ns, Rank.REFERENCE, increment.long_baseline), increment.long_baseline
+    )
 
 
-def needs_reference(increment: YawIncrement, last_far: YawIncrement | None, window_ns: float) -> bool:
+def needs_reference(increment: YawIncrement, last_long: YawIncrement | None, window_ns: float) -> bool:
     """Whether the yaw at an increment's reference, no further back than a window, must be remembered anew.
 
-    The filter still has both views of the last increment from some seconds ago, `last_far`.
+    The filter still has both views of the last increment from some seconds ago, `last_long`.
     """
-    kept = increment.far and last_far is not None and increment.t_ref_ns in (last_far.t_ref_ns, last_far.t_ns)
+    kept = (
+        increment.long_baseline and last_long is not None and increment.t_ref_ns in (last_long.t_ref_ns, last_long.t_ns)
+    )
     return increment.t_ns - increment.t_ref_ns <= window_ns and not kept
 
 

@@ -39,7 +39,7 @@ class CompassReading:
         Accumulated yaw and its standard deviation, rad; NaN where no increment was given.
     rate, rate_variance : float
         Mean turn rate since the image before, rad/s, and its variance; NaN where no increment was given.
-    far : YawIncrement or None
+    long_baseline : YawIncrement or None
         The turn from a view some seconds ago, where it was due.
     """
 
@@ -49,11 +49,11 @@ class CompassReading:
     sigma: float = math.nan
     rate: float = math.nan
     rate_variance: float = math.nan
-    far: YawIncrement | None = None
+    long_baseline: YawIncrement | None = None
 
     def increments(self) -> Iterator[YawIncrement]:
         """All that the filter was given."""
-        return (one for one in (self.increment, self.far) if one)
+        return (one for one in (self.increment, self.long_baseline) if one)
 
 
 @dataclass(frozen=True, slots=True)
@@ -191,7 +191,9 @@ class _Run:
             return CompassReading(compass.status)
         rate, variance = self._rate.update(increment)
         sigma = math.sqrt(compass.yaw_variance)
-        return CompassReading(compass.status, increment, compass.yaw, sigma, rate, variance, self.pipeline.far)
+        return CompassReading(
+            compass.status, increment, compass.yaw, sigma, rate, variance, self.pipeline.long_baseline
+        )
 
     def _note(self, t_ns: int, reading: CompassReading | None) -> None:
         reports = self.reports()

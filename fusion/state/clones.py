@@ -26,7 +26,7 @@ class Clone:
         Of the image.
     up : tuple of float or None
         The vertical in the robot's frame then.
-    far : bool
+    long_baseline : bool
         Whether it belongs to the last increment from some seconds ago, so that the next one may refer to it.
     """
 
@@ -35,7 +35,7 @@ class Clone:
     reference: bool
     exposure: Exposure
     up: Vector | None
-    far: bool = False
+    long_baseline: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,9 +57,9 @@ class Clones:
     def next_slot(self) -> int:
         """Where the next clone goes: where nothing refers, else to that least lately used; far ones come last."""
         for i, c in enumerate(self.slots):
-            if not c or not (c.reference or c.far):
+            if not c or not (c.reference or c.long_baseline):
                 return i
-        return min((c.far, c.used_ns, i) for i, c in enumerate(self.slots) if c)[2]
+        return min((c.long_baseline, c.used_ns, i) for i, c in enumerate(self.slots) if c)[2]
 
     def put(self, slot: int, clone: Clone) -> Clones:
         """With this clone in a slot."""
@@ -72,7 +72,7 @@ class Clones:
 
     def kept(self, *slots: int) -> Clones:
         """With the clones in these slots, and no others, kept for the next increment from some seconds ago."""
-        return Clones(tuple(replace(c, far=i in slots) if c else None for i, c in enumerate(self.slots)))
+        return Clones(tuple(replace(c, long_baseline=i in slots) if c else None for i, c in enumerate(self.slots)))
 
     def until(self, t_ns: int, but: int) -> Clones:
         """Without those of later than `t_ns`, except the one in a slot."""

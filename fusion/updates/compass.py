@@ -51,7 +51,7 @@ class CompassUpdate:
     def refer(self, state: FilterState, event: ReferenceEvent) -> None:
         """Remember the yaw at the capture time of a compass reference."""
         slot = self.remember(state, event.t_ns, reference=True)
-        if event.far:
+        if event.long_baseline:
             state.clones = state.clones.kept(slot)
 
     def _fuse(self, state: FilterState, event: CompassEvent) -> None:
@@ -64,28 +64,30 @@ class CompassUpdate:
             slot = self.remember(state, event.sample.t_ref_ns, reference=True)
         increment = _levelled(event.sample, state.clones[slot])
         began_ns = state.turns.start_ns
-        moved = not increment.far and self._isolation.take_turn(state, increment, slot if known else None)
+        moved = not increment.long_baseline and self._isolation.take_turn(state, increment, slot if known else None)
         if moved and began_ns is not None:  # yaws of the window that was taken back, or of the one before, are wrong
             state.clones = state.clones.until(began_ns - WINDOW_NS, but=slot)
         elif not moved:
             _allow_for_refused_gyro(state, event.t_ns)
         state.clones = state.clones.used(slot, event.t_ns)
         image = self.remember(state, event.t_ns, reference=False)
-        if increment.far:
+        if increment.long_baseline:
             state.clones = state.clones.kept(slot, image)
         since, until = State.CLONE + slot, State.CLONE + image
-        measurement = compass_measurement(ekf, increment.yaw, increment.variance, since, until, far=increment.far)
+        measurement = compass_measurement(
+            ekf, increment.yaw, increment.variance, since, until, long_baseline=increment.long_baseline
+        )
         excluded = state.isolation.excludes(Sensor.COMPASS)
         witnessed = state.gyro_since_ns is not None and state.gyro_since_ns <= event.sample.t_ref_ns
         witnessed = witnessed and state.hears(Sensor.GYRO)
         rate = float(ekf.x[State.RATE])
         others = max(ekf.innovation_variance(measurement) - ekf.jitter * rate**2, measurement.R)
         verdict = self._gating.judge(state, Sensor.COMPASS, measurement) if known and not moved else None
-        if known and not state.isolation.exclusions and not increment.far and not moved:
+        if known and not state.isolation.exclusions and not increment.long_baseline and not moved:
             state.jitter = state.jitter.after(measurement.innovation, others, rate)
         if verdict is None or excluded:
             ekf.anchor(since, measurement)
-        if verdict is None or excluded or increment.far:
+        if verdict is None or excluded or increment.long_baseline:
             return
         again = state.refusal is not None and state.refusal.is_repeated_by(increment, measurement.innovation)
         if verdict is Verdict.RECOVERED or (verdict is Verdict.REJECTED and again and not witnessed):
@@ -107,7 +109,7 @@ class CompassUpdate:
 
 
 def compass_measurement(
-    ekf: YawEkf, yaw: float, variance: float, since: int, until: int, *, far: bool = False
+    ekf: YawEkf, yaw: float, variance: float, since: int, until: int, *, long_baseline: bool = False
 ) -> Measurement:
     """What an increment (rad, variance rad^2) between the clones `since` and `until` says, modulo a turn.
 
@@ -115,8 +117,8 @@ def compass_measurement(
     passes the same things): a Gauss-Markov state of `compass_error`, or `LASTING` of the variance if that is less;
     of an increment from some seconds ago another one, of `LASTING` of the variance.
     """
-    error = State.LONG_BASELINE_ERROR if far else State.COMPASS_ERROR
-    lasting = LASTING * variance if far else min(ekf.config.compass_error**2, LASTING * variance)
+    error = State.LONG_BASELINE_ERROR if long_baseline else State.COMPASS_ERROR
+    lasting = LASTING * variance if long_baseline else min(ekf.config.compass_error**2, LASTING * variance)
     H = np.zeros((1, DIM))
     H[0, until], H[0, since] = 1.0, -1.0
     H[0, error] = math.sqrt(lasting)

@@ -228,7 +228,7 @@ class StandstillUpdate:
             stillness = stillness.with_gyro(event.t_ns, event.sample.yaw_rate, self._gyro.sigma(state, event.sample))
         elif isinstance(event, TracksEvent):
             stillness = stillness.with_tracks(event.sample)
-        elif isinstance(event, CompassEvent) and not event.sample.far:
+        elif isinstance(event, CompassEvent) and not event.sample.long_baseline:
             stillness = stillness.with_increment(event.sample)
         if state.stillness.standing and not stillness.standing and not state.hears(Sensor.TRACKS):
             bias, turn = state.stillness.hidden_start()

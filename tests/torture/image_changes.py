@@ -156,7 +156,7 @@ def far_increments(angle: float) -> Change:
                 ref = min(images, key=lambda t_ns: abs(t_ns - s.t_ns + 4 * S))
                 at = np.interp([ref * 1e-9, s.t_ns * 1e-9], ride.t, ride.yaw)
                 yaw = float(wrap_angle(at[1] - at[0] + angle))
-                out.append((arrival, YawIncrement(ref, s.t_ns, yaw, 1e-8, 0.9, far=True)))
+                out.append((arrival, YawIncrement(ref, s.t_ns, yaw, 1e-8, 0.9, long_baseline=True)))
         return out
 
     return change

@@ -153,7 +153,7 @@ def looked_back(compass, images):
     far = []
     for t_ns, image in images:
         compass.update(t_ns, image)
-        far.append(compass.look_back())
+        far.append(compass.long_baseline())
     return far
 
 
@@ -162,7 +162,7 @@ def test_looking_back_is_seldom_and_its_references_are_ends():
     given = [one for one in far if one]
     assert [k for k, one in enumerate(far) if one] == list(range(EVERY, 60, EVERY))
     ends = {START_NS} | {one.t_ns for one in given}
-    assert all(one.far and one.t_ref_ns in ends and one.t_ns - one.t_ref_ns <= 4 * 10**9 for one in given)
+    assert all(one.long_baseline and one.t_ref_ns in ends and one.t_ns - one.t_ref_ns <= 4 * 10**9 for one in given)
     assert len({one.t_ref_ns for one in given}) == 2  # a view is kept for four seconds
     for one in given:
         turn = 20.0 / PER_RAD * (one.t_ns - one.t_ref_ns) * 1e-9
@@ -179,7 +179,7 @@ def test_a_look_may_be_taken_later_while_images_go_on():
         if waiting and k % EVERY == 4:
             later.append(waiting())
             waiting = None
-        waiting = waiting or compass.due_look()
+        waiting = waiting or compass.due_long_baseline()
     assert later == [one for one in at_once if one]
 
 
@@ -187,14 +187,14 @@ def test_a_look_that_ends_after_a_new_start_changes_nothing():
     compass, images = VisualCompass(), list(drive(3.0, 20.0))
     looked_back(compass, images[:EVERY])
     compass.update(*images[EVERY])
-    look = compass.due_look()
+    look = compass.due_long_baseline()
     compass.reset()
-    assert look().far
+    assert look().long_baseline
     far = looked_back(compass, images[EVERY + 1 : 2 * EVERY + 2])
     assert far[-1].t_ref_ns == images[EVERY + 1][0]
 
 
-@pytest.mark.parametrize("fields", [{"look_back": 0.0}, {"method": "sectors"}, {"method": "rows"}])
+@pytest.mark.parametrize("fields", [{"long_baseline_interval": 0.0}, {"method": "sectors"}, {"method": "rows"}])
 def test_nobody_looks_back_who_shall_not(fields):
     assert not any(looked_back(VisualCompass(CompassConfig(**fields)), drive(2.0, 20.0)))
 
@@ -217,7 +217,9 @@ def test_pipeline_fuses_both_and_knows_the_yaw_better_than_from_image_to_image()
     yaw = {}
     for every in (0.0, 0.9):
         # nobody else says when it turned
-        pipeline = YawPipeline(CompassConfig(look_back=every), FusionConfig(camera_delay_sigma=0.0, compass_timing=0.0))
+        pipeline = YawPipeline(
+            CompassConfig(long_baseline_interval=every), FusionConfig(camera_delay_sigma=0.0, compass_timing=0.0)
+        )
         for t_ns, image in drive(8.0, 15.0):
             pipeline.add_image(t_ns, image)
         estimate = pipeline.estimate()
