@@ -40,9 +40,9 @@ BEST_FIRST = (Sensor.COMPASS, Sensor.GYRO, Sensor.TRACKS)
 
 
 def limit(one: Claim, other: Claim, seconds: float) -> float:
-    """By how much two claims may differ before they contradict, rad."""
+    """By how much two claims may differ before they contradict, rad; no scale factor makes a turn of none."""
     noise = math.hypot(max(one.noise, one.at_worst), max(other.noise, other.at_worst))
-    scale = math.hypot(one.scale * one.turn, other.scale * other.turn)
+    scale = math.hypot(one.scale, other.scale) * min(abs(one.turn), abs(other.turn))
     return max(GROSS * seconds, CLEAR * noise + CLEAR_SCALE * scale)
 
 
