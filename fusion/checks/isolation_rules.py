@@ -39,7 +39,7 @@ def judge(iso: Isolation, window: Window, bias: float) -> Judged:
         As it is now, and what the filter has to do.
     """
     doubts = tuple(_with_window(doubt, window, bias) for doubt in iso.doubts)
-    iso, remedies = replace(iso, windows=iso.windows + 1, doubts=doubts), []
+    iso, remedies = replace(iso.with_turns(window, bias), doubts=doubts), []
     for rule in (_settle_doubts, _judge_excluded, _judge_trusted):
         iso, remedy = rule(iso, window, bias)
         remedies.append(remedy)
