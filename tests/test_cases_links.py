@@ -104,6 +104,18 @@ def test_gyro_whose_bias_steps_is_honest_18_s_later(step, seed):
     assert_honest(estimate, estimate.yaw - errors[-1], 5.0)
 
 
+def test_gyro_that_never_changes_is_named_beside_tracks_alone():
+    """It turns while sound tracks stand, so that at first they seem to say nothing."""
+    drive = robot_drive(3, seconds=30.0)
+    samples = [s for s in drive.samples if not isinstance(s, YawIncrement)]
+    stuck = [replace(s, yaw_rate=0.05) if isinstance(s, GyroSample) else s for s in samples]
+    fusion = YawFusion()
+    feed(fusion, stuck)
+    estimate = fusion.estimate()
+    assert_honest(estimate, estimate.yaw - drive.error(estimate), 90.0)
+    assert ("gyro_stuck", "gyro") in {(warning.code, warning.sensor) for warning in estimate.warnings}
+
+
 LIFTED_S, DARK_S = 15.0, 2.0
 
 

@@ -5,7 +5,7 @@ import math
 import pytest
 
 from fusion.buffer.events import Sensor
-from fusion.checks.isolation import Isolation, Third
+from fusion.checks.isolation import Isolation, Third, contradict
 from fusion.checks.isolation_rules import judge
 from fusion.checks.windows import Claim, Window
 
@@ -91,3 +91,10 @@ def test_third_sensor_that_contradicts_both_takes_no_side():
     assert Third().plus(slips, 0.0, rad(3.0)).side is None
     assert Third().plus(agrees, 0.0, rad(3.0)).side is True
     assert Third().plus(slips, 0.0, rad(3.0)).plus(Claim(0.0, rad(0.4)), 0.0, rad(3.0)).side is False
+
+
+def test_no_scale_factor_makes_a_turn_of_none():
+    """Tracks of which next to nothing is known contradict a gyro that claims no turn, not one that claims half."""
+    tracks = Claim(0.5, 0.01, scale=0.5)
+    assert contradict(tracks, Claim(0.0, 0.001), 0.5)
+    assert not contradict(tracks, Claim(0.4, 0.001), 0.5)

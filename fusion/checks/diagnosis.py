@@ -11,6 +11,7 @@ import numpy as np
 from fusion.buffer.events import Sensor
 from fusion.checks.isolation import Doubt, Isolation
 from fusion.checks.isolation_rules import RADIANS, STUCK, TURNED
+from fusion.checks.time_offset import TimeOffset
 from fusion.checks.warnings import Warning
 from fusion.checks.windows import Window
 
@@ -39,7 +40,23 @@ def warnings_of(iso: Isolation) -> tuple[Warning, ...]:
         if excluded or doubt:
             since_ns = min(one.since_ns for one in (excluded, doubt) if one)
             found += _warnings(iso, sensor, since_ns, doubt)
-    return tuple(found)
+    if iso.offset is None:
+        return tuple(found)
+    named = _late(iso.offset)  # one cause of all that those contradict by
+    return (named, *(one for one in found if not set(one.sensors) & set(named.sensors)))
+
+
+def _late(offset: TimeOffset) -> Warning:
+    """A sensor whose clock is off."""
+    sensor, other, way = offset.sensor, offset.other, "late" if offset.seconds > 0.0 else "early"
+    others = "the others'" if offset.sure else f"those of {NAMES[other]}"
+    who = sensor.value if offset.sure else f"{sensor.value}+{other.value}"
+    end = "" if offset.sure else "; nobody can tell whose clock is off"
+    text = (
+        f"the turns of {NAMES[sensor]} come {abs(offset.seconds):.1f} s too {way} against {others}{end}: stamp all "
+        "sensors by one clock, at the moment of measuring"
+    )
+    return Warning("sensors_disagree_time", who, offset.since_ns, text)
 
 
 def adds_up(sensor: Sensor, since_ns: int, beyond: float) -> Warning:

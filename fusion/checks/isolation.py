@@ -18,6 +18,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 
 from fusion.buffer.events import Sensor
+from fusion.checks.time_offset import EVERY, TimeOffset, Turned, time_offset, with_window
 from fusion.checks.windows import Claim, Window
 
 GROSS = 0.02  # rad/s; smaller contradictions are for the filter's gates to settle
@@ -40,9 +41,9 @@ BEST_FIRST = (Sensor.COMPASS, Sensor.GYRO, Sensor.TRACKS)
 
 
 def limit(one: Claim, other: Claim, seconds: float) -> float:
-    """By how much two claims may differ before they contradict, rad."""
+    """By how much two claims may differ before they contradict, rad; no scale factor makes a turn of none."""
     noise = math.hypot(max(one.noise, one.at_worst), max(other.noise, other.at_worst))
-    scale = math.hypot(one.scale * one.turn, other.scale * other.turn)
+    scale = math.hypot(one.scale, other.scale) * min(abs(one.turn), abs(other.turn))
     return max(GROSS * seconds, CLEAR * noise + CLEAR_SCALE * scale)
 
 
@@ -270,6 +271,10 @@ class Isolation:
         The last of them: a fault may have begun in it without being seen.
     long : Window or None
         The last ones together, in which nothing contradicted: what is lost in the noise of one shows in several.
+    turned : tuple of Turned
+        What each sensor turned by in the last windows without a gap.
+    offset : TimeOffset or None
+        Whose clock is off, as they tell.
     """
 
     exclusions: tuple[Exclusion, ...] = ()
@@ -279,6 +284,14 @@ class Isolation:
     windows: int = 0
     last: Window | None = None
     long: Window | None = None
+    turned: tuple[Turned, ...] = ()
+    offset: TimeOffset | None = None
+
+    def with_turns(self, window: Window, bias: float) -> Isolation:
+        """With what the sensors turned by in one more window, the gyro's bias (rad/s) not taken out."""
+        turned, windows = with_window(self.turned, Turned.of(window, bias)), self.windows + 1
+        offset = time_offset(turned) if windows % EVERY == 0 else self.offset
+        return replace(self, turned=turned, offset=offset, windows=windows)
 
     def excludes(self, sensor: Sensor) -> bool:
         """Whether a sensor is not listened to."""

@@ -39,7 +39,7 @@ def judge(iso: Isolation, window: Window, bias: float) -> Judged:
         As it is now, and what the filter has to do.
     """
     doubts = tuple(_with_window(doubt, window, bias) for doubt in iso.doubts)
-    iso, remedies = replace(iso, windows=iso.windows + 1, doubts=doubts), []
+    iso, remedies = replace(iso.with_turns(window, bias), doubts=doubts), []
     for rule in (_settle_doubts, _judge_excluded, _judge_trusted):
         iso, remedy = rule(iso, window, bias)
         remedies.append(remedy)
@@ -277,7 +277,8 @@ def _tracks_against(iso: Isolation, leader: Claim, tracks: Claim, window: Window
     """
     gyro, compass = iso.trusted(Sensor.GYRO, window), iso.trusted(Sensor.COMPASS, window)
     off = tracks.turn - leader.turn
-    if not window.tracks_spoke or (gyro and compass):
+    hangs = gyro and window.gyro_repeats and not compass  # it turns by one number while tracks that may be sound stand
+    if (not window.tracks_spoke and not hangs) or (gyro and compass):
         broken = not window.tracks_spoke or _against_the_turn(iso)
         return (iso.excluding(Sensor.TRACKS, window, leader.turn, off) if broken else iso), Remedy()
     if gyro and surely_gyro(window, tracks.turn):

@@ -38,21 +38,26 @@ class Elsewhen:
         With the newest stamp that the filter had when they came.
     against : set of Sensor
         Who has spoken at the filter's own time since the first of them.
+    since : dict of Sensor to int
+        The newest stamp that the filter had when each sensor began to speak from there only, ns.
     """
 
     ahead: bool
     patience_ns: int
     samples: deque[tuple[Sample, int]] = field(default_factory=lambda: deque(maxlen=MOST_WAITING))
     against: set[Sensor] = field(default_factory=set)
+    since: dict[Sensor, int] = field(default_factory=dict)
 
     def add(self, sample: Sample, newest_ns: int) -> None:
         """Let one more wait."""
         if not self.samples:
             self.against.clear()
         self.samples.append((sample, newest_ns))
+        self.since.setdefault(sensor_of(sample), newest_ns)
 
     def opposed(self, sensor: Sensor, newest_ns: int) -> None:
         """Note that a sensor spoke at the filter's own time: its stamps from elsewhen were wrong."""
+        self.since.pop(sensor, None)
         if self.samples:
             self.against.add(sensor)
             kept = ((s, n) for s, n in self.samples if sensor_of(s) is not sensor and n >= newest_ns - self.patience_ns)
@@ -93,15 +98,20 @@ class Elsewhen:
         """Let the last one and its neighbours go, in the order of their stamps; the rest is forgotten."""
         samples = self._neighbours(reach_ns)
         self.samples.clear()
+        self.since.clear()
         return samples
 
     def caught_up(self, reach_ns: int) -> list[Sample]:
-        """Let those go that are no longer than `reach_ns` ahead of the filter, in the order of their stamps."""
-        caught = sorted((s for s, _ in self.samples if s.t_ns <= reach_ns), key=lambda sample: sample.t_ns)
-        if caught:
-            kept = ((s, n) for s, n in self.samples if s.t_ns > reach_ns)
+        """Let those go whose stamps are not beyond `reach_ns` any more, in the order of their stamps.
+
+        But not those of a sensor that kept ahead while the others went on: they had not stopped, its clock is another.
+        """
+        near = [(sample, newest_ns) for sample, newest_ns in self.samples if sample.t_ns <= reach_ns]
+        if near:
+            kept = ((sample, newest_ns) for sample, newest_ns in self.samples if sample.t_ns > reach_ns)
             self.samples = deque(kept, maxlen=MOST_WAITING)
-        return caught
+        caught = (sample for sample, newest_ns in near if newest_ns - self.since[sensor_of(sample)] <= ALIVE_NS)
+        return sorted(caught, key=lambda sample: sample.t_ns)
 
 
 def confirmed(samples: Iterable[Sample]) -> bool:

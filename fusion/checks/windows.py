@@ -22,7 +22,8 @@ COMPASS_SILENT_NS = 1_000_000_000  # then the odometry ends the windows
 LONGEST_GAP = 0.4  # of a window, in which an integrated sensor may have been silent and still be a witness
 FASTEST = 4.0 * math.pi  # rad/s; two turns a second, faster than tracked robots spin
 BEYOND = 4  # one sample in so many of a window beyond that is no spike
-SAME_NUMBER = 10  # samples in a row, to the last bit: no gyro that works does that
+SAME_NUMBER = 10  # samples in a row that are one number: no gyro that works does that
+SAME = 1e-6  # rad/s; less than any gyro's least step, more than one number varies when it is levelled
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +45,7 @@ class RateTurn:
     gap_ns : int
         Longest time between two samples.
     count, repeats, beyond : int
-        How many samples; how many at the end were the same number to the last bit; how many were beyond `FASTEST`.
+        How many samples; how many at the end were the same number; how many were beyond `FASTEST`.
     """
 
     start_ns: int
@@ -73,7 +74,7 @@ class RateTurn:
             self.unseen + ((rate - self.rate) * seconds) ** 2 / 12.0,
             max(self.gap_ns, dt_ns),
             self.count + 1,
-            self.repeats + 1 if rate == self.rate else 0,
+            self.repeats + 1 if abs(rate - self.rate) <= SAME else 0,
             self.beyond + (abs(rate) > FASTEST),
         )
 
@@ -239,7 +240,7 @@ class Window:
     followed, corrected : float
         By how much the filter's yaw went on, rad, and how much of that the image at its beginning did.
     gyro_repeats : bool
-        Whether the gyro gave one and the same number, to the last bit, all the time.
+        Whether the gyro gave one and the same number all the time.
     gyro_beyond : bool
         Whether it turned faster than robots do, and not for a sample only.
     tracks_spoke : bool
