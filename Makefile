@@ -43,7 +43,7 @@ torture: $(VENV)/dev.stamp
 bench: $(VENV)/dev.stamp
 	set -e; for script in tests/benchmarks/*.py; do echo "== $$script"; $(BIN)/python $$script --markdown docs/benchmarks.md; done
 
-# the real log is not in this repository; tests/photo_drive.py says where it is looked for
+# the real log is not in this repository; tests/tools/photo_drive.py says where it is looked for
 HUSKY := $(wildcard ../shared/data/husky.bag)
 
 evaluate: $(VENV)/base.stamp

@@ -7,8 +7,8 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
-from photo_drive import HUSKY
 from tiny_bags import START_NS, TinyDrive
+from tools.photo_drive import HUSKY
 
 from compass import CompassConfig, YawIncrement
 from compass.config import METHODS
