@@ -5,7 +5,18 @@ import math
 import cv2
 import numpy as np
 import pytest
-from panoramas import FRAME_NS, PHOTO_NAMES, PHOTOS, START_NS, as_bytes, azimuths, photo, scene, seen_from, shifted
+from panoramas import (
+    FRAME_NS,
+    PHOTO_NAMES,
+    START_NS,
+    as_bytes,
+    azimuths,
+    needs_two_places,
+    photo,
+    scene,
+    seen_from,
+    shifted,
+)
 from scipy.spatial.transform import Rotation
 
 from compass import CompassConfig, CompassStatus, VisualCompass, wrap_angle
@@ -21,7 +32,6 @@ PER_RAD = WIDTH / math.tau
 ANYWHERE = Search(0.0, WIDTH, WIDTH / 2)
 LIT = 8  # images before the dark
 TURNS = [0.0, 0.3, -1.9, 3.0, -3.1]
-needs_photos = pytest.mark.skipif(not PHOTOS.is_dir(), reason="the photographs are not there")
 
 
 def directions(seed, turn, step=1.0, tilt=(0.0, 0.0), mistaken=0.3, count=200, noise=0.002):
@@ -96,7 +106,6 @@ def test_turn_across_a_step_is_found_by_corners(seed, turn_px):
     assert 0.2 < match.confidence <= 1.0
 
 
-@needs_photos
 @pytest.mark.parametrize("name", PHOTO_NAMES)
 def test_photograph_is_found_again_however_it_turned(name):
     turns, found = (40.3, -301.8, 511.0, -144.4), 0
@@ -109,7 +118,7 @@ def test_photograph_is_found_again_however_it_turned(name):
     assert found >= len(turns) - 1  # much that looks alike may be refused
 
 
-@needs_photos
+@needs_two_places
 def test_photographs_of_different_places_are_not_taken_for_one():
     strips = [strip(photo(name), k) for k, name in enumerate(PHOTO_NAMES)]
     for k, one in enumerate(strips):
