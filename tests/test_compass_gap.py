@@ -20,6 +20,7 @@ from panoramas import (
 from scipy.spatial.transform import Rotation
 
 from compass import CompassConfig, CompassStatus, VisualCompass, wrap_angle
+from compass.features import matching
 from compass.features.matching import landmarks_of, match_landmarks
 from compass.features.relative_pose import evidence, find_motion
 from compass.images.mask import RobotMask
@@ -217,3 +218,26 @@ def test_fused_yaw_crosses_the_dark_without_a_gyro():
     estimate = pipeline.estimate()
     assert estimate.yaw * PER_RAD == pytest.approx(-333.3, abs=0.02 * PER_RAD)
     assert (estimate.yaw + 333.3 / PER_RAD) ** 2 < 9.0 * estimate.yaw_variance < math.radians(3.0) ** 2
+
+
+def matched_with(monkeypatch, nats, rival):
+    """Status of a match of one place with these nats of evidence, and those of the best other answer."""
+    told = iter([nats, rival])
+    monkeypatch.setattr(matching, "evidence", lambda *_: next(told))
+    place = scene(3, WIDTH, HEIGHT)
+    return match_landmarks(strip(place, 1), strip(shifted(place, 100.0), 2), ANYWHERE).status
+
+
+@pytest.mark.parametrize(("nats", "found"), [(0.0, False), (60.0, False), (110.0, True), (1000.0, True)])
+def test_a_match_needs_more_evidence_than_unrelated_views_reach(monkeypatch, nats, found):
+    """They reach 40 of 1000 pairs: half as much again is refused; what has three times as much is found."""
+    assert matched_with(monkeypatch, nats, 0.0) is (CompassStatus.OK if found else CompassStatus.LOW_CONFIDENCE)
+
+
+@pytest.mark.parametrize(
+    ("nats", "rival", "found"),
+    [(1000.0, 60.0, True), (1000.0, 150.0, False), (1000.0, 900.0, False), (160.0, 40.0, True), (160.0, 95.0, False)],
+)
+def test_another_answer_that_has_evidence_too_is_a_rival(monkeypatch, nats, rival, found):
+    """By itself, where it has as much as a match needs; beside a weak answer, where it has more than half of that."""
+    assert matched_with(monkeypatch, nats, rival) is (CompassStatus.OK if found else CompassStatus.LOW_CONFIDENCE)
