@@ -1,6 +1,7 @@
 """After a gap, darkness or a camera that failed, the last view is found again by its corners."""
 
 import math
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -18,6 +19,7 @@ from panoramas import (
     shifted,
 )
 from scipy.spatial.transform import Rotation
+from scipy.stats import chi2
 
 from compass import CompassConfig, CompassStatus, VisualCompass, wrap_angle
 from compass.features import matching
@@ -62,6 +64,13 @@ def test_motion_is_found_among_mistaken_directions(step, turn):
     error, variance = np.array(errors).T
     assert np.abs(error).max() < math.radians(0.5)
     assert np.mean(error**2 / variance) < 3.0
+
+
+def test_turn_told_by_few_directions_is_claimed_no_better_than_it_is():
+    """With 30 the noise counts, not the floor: error^2/variance of 100 averages 1 at most, but for chance (1 %)."""
+    motions = [find_motion(*directions(seed, 1.2, 0.5, mistaken=0.0, count=30)) for seed in range(100)]
+    normalised = [wrap_angle(motion.turn - 1.2) ** 2 / motion.variance for motion in motions]
+    assert np.mean(normalised) < chi2.ppf(0.99, 100) / 100
 
 
 @pytest.mark.parametrize("tilt_deg", [(3.0, 0.0), (-2.0, 4.0)])
@@ -241,3 +250,16 @@ def test_a_match_needs_more_evidence_than_unrelated_views_reach(monkeypatch, nat
 def test_another_answer_that_has_evidence_too_is_a_rival(monkeypatch, nats, rival, found):
     """By itself, where it has as much as a match needs; beside a weak answer, where it has more than half of that."""
     assert matched_with(monkeypatch, nats, rival) is (CompassStatus.OK if found else CompassStatus.LOW_CONFIDENCE)
+
+
+@pytest.mark.parametrize(("sigma_deg", "found"), [(0.5, True), (2.0, True), (4.0, False), (20.0, False)])
+def test_a_turn_that_is_known_to_some_degrees_only_is_no_answer(monkeypatch, sigma_deg, found):
+    """In fog one in 15 pairs was 4 deg off; a gyro knows more after a minute."""
+
+    def vague(*directions):
+        return replace(find_motion(*directions), variance=math.radians(sigma_deg) ** 2)
+
+    monkeypatch.setattr(matching, "find_motion", vague)
+    place = scene(3, WIDTH, HEIGHT)
+    status = match_landmarks(strip(place, 1), strip(shifted(place, 100.0), 2), ANYWHERE).status
+    assert status is (CompassStatus.OK if found else CompassStatus.LOW_CONFIDENCE)

@@ -40,8 +40,8 @@ def copy_tree(to: Path) -> None:
             target.write_bytes(source.read_bytes())
 
 
-def run_tests(tree: Path, tests: Iterable[str], longest: float = LONGEST) -> int:
-    """Exit code of pytest; `FAILED` where it takes longer than `longest` seconds."""
+def run_tests(tree: Path, tests: Iterable[str], longest: float = LONGEST) -> tuple[int, str]:
+    """Exit code of pytest, and the test that failed; `FAILED` where it takes longer than `longest` seconds."""
     command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", *tests]
     paths = f"{tree}{os.pathsep}{tree / 'tests'}"
     environment = {**os.environ, "PYTHONPATH": paths, "PYTHONDONTWRITEBYTECODE": "1"}
@@ -51,30 +51,32 @@ def run_tests(tree: Path, tests: Iterable[str], longest: float = LONGEST) -> int
                 command, cwd=tree, env=environment, stdout=said, stderr=said, timeout=longest, check=False
             ).returncode
         except subprocess.TimeoutExpired:
-            return FAILED
-        if code not in (PASSED, FAILED):
-            said.seek(0)
-            print(said.read())
-    return code
+            return FAILED, "none, in time"
+        said.seek(0)
+        text = said.read()
+    if code not in (PASSED, FAILED):
+        print(text)
+    failed = [line.split()[1] for line in text.splitlines() if line.startswith("FAILED ")]
+    return code, ", ".join(failed)
 
 
-def outcome(mutant: Mutant, tree: Path) -> Outcome:
-    """What becomes of a mutant in a copy of the tree, which is left as it was."""
+def outcome(mutant: Mutant, tree: Path) -> tuple[Outcome, str]:
+    """What becomes of a mutant in a copy of the tree, which is left as it was; and the test that noticed it."""
     changed = mutant.applied(tree)
     if changed is None:
-        return Outcome.STALE
+        return Outcome.STALE, ""
     path = tree / mutant.file
     kept = path.read_bytes()
     path.write_text(changed, encoding="utf-8")
     try:
-        code = run_tests(tree, mutant.tests)
+        code, failed = run_tests(tree, mutant.tests)
     finally:
         path.write_bytes(kept)
     if code == PASSED:
-        return Outcome.KNOWN if mutant.survives else Outcome.SURVIVED
+        return (Outcome.KNOWN if mutant.survives else Outcome.SURVIVED), ""
     if code != FAILED:
-        return Outcome.BROKEN
-    return Outcome.MENDED if mutant.survives else Outcome.NOTICED
+        return Outcome.BROKEN, failed
+    return (Outcome.MENDED if mutant.survives else Outcome.NOTICED), failed
 
 
 def main() -> int:
@@ -88,13 +90,15 @@ def main() -> int:
     with tempfile.TemporaryDirectory(prefix="mutants-") as folder:
         tree = Path(folder) / "tree"
         copy_tree(tree)
-        if run_tests(tree, dict.fromkeys(test for mutant in chosen for test in mutant.tests), 4 * LONGEST) != PASSED:
-            print("the tests fail without any mutant")
+        code, failed = run_tests(tree, dict.fromkeys(test for one in chosen for test in one.tests), 4 * LONGEST)
+        if code != PASSED:
+            print(f"the tests fail without any mutant: {failed}")
             return 2
         outcomes = []
         for mutant in chosen:
-            outcomes.append(outcome(mutant, tree))
-            print(f"{outcomes[-1].value}: {mutant.name} ({mutant.file})", flush=True)
+            one, failed = outcome(mutant, tree)
+            outcomes.append(one)
+            print(f"{one.value}: {mutant.name} ({mutant.file}){failed and f' by {failed}'}", flush=True)
     counts = Counter(one.value for one in outcomes)
     print("; ".join(f"{count} {what}" for what, count in counts.items()))
     return 0 if all(one.good for one in outcomes) else 1
