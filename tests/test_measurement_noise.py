@@ -86,3 +86,18 @@ def test_rate_of_the_raw_compass_errs_by_the_turns_error_over_the_time(dt):
     # another keyframe, the last image
     rate, variance = rates.update(YawIncrement(S + 2 * step_ns, S + 3 * step_ns, -0.1, sigma**2, 0.9))
     assert (rate, math.sqrt(variance)) == (pytest.approx(-0.1 / dt), pytest.approx(sigma / dt))
+
+
+def test_gate_gives_way_to_what_it_has_refused_for_the_time_asked_for_and_not_before():
+    gate, verdicts = Gate(), []
+    for t_ns in range(0, 13 * S // 10, S // 10):
+        gate = gate.judge(S + t_ns, 100.0, 1.0, 9.0, S)
+        verdicts.append(gate.report.verdict)
+    # after a second it gives way, then it refuses anew
+    assert verdicts == [Verdict.REJECTED] * 10 + [Verdict.RECOVERED] + [Verdict.REJECTED] * 2
+
+
+def test_gate_that_let_one_sample_pass_counts_its_refusals_anew():
+    gate = Gate().judge(S, 100.0, 1.0, 9.0, S).judge(S + S // 2, 0.0, 1.0, 9.0, S)
+    assert gate.report.verdict is Verdict.ACCEPTED
+    assert gate.judge(3 * S, 100.0, 1.0, 9.0, S).report.verdict is Verdict.REJECTED

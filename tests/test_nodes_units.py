@@ -14,6 +14,7 @@ pytest.importorskip("rclpy", reason="rclpy is not installed: pip install '.[ros]
 import rclpy
 from geometry_msgs.msg import PoseWithCovarianceStamped
 
+from compass import YawIncrement
 from fusion import GyroSample, YawEstimate
 from fusion.messages import MessageError, stamp_to_ns, yaw_of
 from nodes.conversions import fused_odometry, ns_to_stamp, pose_yaw, yaw_odometry
@@ -22,6 +23,7 @@ from nodes.fusion_node import FusionNode
 from nodes.health import Level, SequenceGaps, StreamHealth
 from nodes.newest_worker import NewestWorker
 from nodes.parameters import describe, settings_specs
+from nodes.sample_queue import SampleQueue
 from nodes.throttled_log import REPEAT_S, ThrottledLog
 from nodes.transforms import transform_of
 from nodes.transport import compressed_topic, raw_topic
@@ -238,3 +240,14 @@ def test_fused_yaw_is_published_at_the_rate_asked_for(hertz, published):
         rclpy.try_shutdown()
     assert len(stamps) == published
     assert min(np.diff(stamps)) == 10**9 // published
+
+
+def test_samples_of_one_turn_are_used_in_the_order_of_their_stamps():
+    used, late = [], YawIncrement(1, 20, 0.0, 1e-4, 0.9)
+    queue = SampleQueue(SimpleNamespace(create_timer=lambda *_, **__: None), used.append)
+    gyro = [GyroSample(t_ns, 0.0) for t_ns in (30, 10)]
+    queue.send(late)
+    for sample in gyro:
+        queue.append(sample)
+    queue._turn()
+    assert used == [[gyro[1], late, gyro[0]]]

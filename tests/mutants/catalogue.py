@@ -339,7 +339,7 @@ MUTANTS = (
         "fusion/filter.py",
         "ekf.renew(State.SCALE, self.config.initial_scale_sigma**2, self.config.initial_scale)",
         "pass",
-        _tests("test_fusion_faults"),
+        _tests("test_fusion"),
     ),
     Mutant(
         "hard-turn-of-the-gyro-refused",
@@ -360,7 +360,7 @@ MUTANTS = (
         "fusion/updates/standstill.py",
         "SHORTEST_NS = 500_000_000",
         "SHORTEST_NS = 20_000_000",
-        _tests("test_standstill", "test_fusion_abrupt"),
+        _tests("test_standstill"),
     ),
     Mutant(
         "standstill-never",
@@ -396,11 +396,7 @@ MUTANTS = (
         "fusion/checks/gate.py",
         "since is None or t_ns - since < recovery_ns",
         "since is None",
-        _tests(
-            "test_fusion::test_outliers_are_gated",
-            "test_fusion::test_compass_on_a_false_match_without_tracks_is_let_in_again",
-            "test_fusion_faults",
-        ),
+        _tests("test_measurement_noise"),
     ),
     Mutant(
         "two-gyro-samples-of-one-stamp",
@@ -479,7 +475,10 @@ MUTANTS = (
         "fusion/imu/tilt.py",
         "return up[2] / level if level >= STEEPEST else 1.0",
         "return 1.0",
-        _tests("test_lean"),
+        _tests(
+            "test_lean::test_tracks_poses_and_rates_become_the_headings",
+            "test_lean::test_gains_are_those_of_rates_that_imu_level_gives",
+        ),
     ),
     # ------------------------------------------------------------ fusion/pipeline, smoother
     Mutant(
@@ -601,13 +600,16 @@ MUTANTS = (
         "nodes/sample_queue.py",
         "sorted(samples, key=lambda sample: sample.t_ns)",
         "samples",
-        _tests("test_nodes_units", "test_nodes_time"),
+        _tests("test_nodes_units::test_samples_of_one_turn_are_used_in_the_order_of_their_stamps"),
     ),
     Mutant(
         "reset-keeps-the-compass",
         "nodes/compass_stream.py",
         "        self._compass.reset()\n",
         "        pass\n",
-        _tests("test_nodes_time"),
+        _tests(
+            "test_nodes_time::test_reset_and_set_pose_act_on_the_fused_yaw",
+            "test_nodes_time::test_images_and_gyro_that_jump_back_start_anew",
+        ),
     ),
 )
