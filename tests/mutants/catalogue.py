@@ -381,7 +381,7 @@ MUTANTS = (
         "fusion/updates/odometry_source.py",
         "self.pose or turn != 0.0",
         "True",
-        _tests("test_fusion", "test_refusals", "test_fusion_nonsense"),
+        _tests("test_odometry_source"),
     ),
     # ------------------------------------------------------------ fusion/checks
     Mutant(
