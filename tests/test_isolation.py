@@ -6,7 +6,7 @@ import pytest
 
 from fusion.buffer.events import Sensor
 from fusion.checks.isolation import Isolation, Third
-from fusion.checks.isolation_rules import judge
+from fusion.checks.isolation_rules import judge, surely_gyro
 from fusion.checks.windows import Claim, Window
 
 S = 500_000_000  # ns, a window
@@ -91,3 +91,11 @@ def test_third_sensor_that_contradicts_both_takes_no_side():
     assert Third().plus(slips, 0.0, rad(3.0)).side is None
     assert Third().plus(agrees, 0.0, rad(3.0)).side is True
     assert Third().plus(slips, 0.0, rad(3.0)).plus(Claim(0.0, rad(0.4)), 0.0, rad(3.0)).side is False
+
+
+@pytest.mark.parametrize(
+    ("times", "turn", "surely"), [(57.3, 10.0, True), (57.3, 2.0, True), (57.3, 0.5, False), (10.0, 10.0, False)]
+)
+def test_gyro_in_degrees_is_told_by_its_ratio_to_a_turn_that_is_large_enough(times, turn, surely):
+    """A bias makes a ratio of 57 to a turn of half a degree."""
+    assert surely_gyro(window(0, gyro=times * turn, compass=turn), rad(turn)) == surely

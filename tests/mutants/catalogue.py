@@ -339,7 +339,7 @@ MUTANTS = (
         "fusion/filter.py",
         "ekf.renew(State.SCALE, self.config.initial_scale_sigma**2, self.config.initial_scale)",
         "pass",
-        _tests("test_fusion"),
+        _tests("test_odometry_source"),
     ),
     Mutant(
         "hard-turn-of-the-gyro-refused",
@@ -420,7 +420,7 @@ MUTANTS = (
         _tests("test_warnings"),
     ),
     Mutant(
-        "isolation-slow-to-doubt",
+        "gyro-in-degrees-not-told",
         "fusion/checks/isolation_rules.py",
         "TURNED = 0.02",
         "TURNED = 2.0",
