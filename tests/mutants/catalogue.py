@@ -31,7 +31,7 @@ MUTANTS = (
         "compass/images/mask.py",
         'axis=1, mode="wrap")',
         'axis=1, mode="clip")',
-        _tests("test_compass_mask"),
+        _tests("test_compass_mask::test_mask_covers_the_blurred_edge_on_the_other_side_of_the_seam"),
     ),
     Mutant(
         "red-taken-for-blue",
@@ -52,14 +52,14 @@ MUTANTS = (
         "compass/images/strip.py",
         "np.float32(1.0 / 257.0)",
         "np.float32(1.0)",
-        _tests("test_compass_image_kinds", "test_compass_image"),
+        _tests("test_compass_image_kinds"),
     ),
     Mutant(
         "horizon-row-ignored",
         "compass/images/strip.py",
         "config.horizon_row * image.shape[0]",
         "0.5 * image.shape[0]",
-        _tests("test_compass_image", "test_compass_config", "test_compass_corners"),
+        _tests("test_compass_image"),
     ),
     Mutant(
         "half-a-circle-not-told",
@@ -116,7 +116,7 @@ MUTANTS = (
         "compass/flow/correlation.py",
         "weighted[-1] = 0.0",
         "weighted[-1] *= 0.5",
-        _tests("test_compass_correlation", "test_compass"),
+        _tests("test_compass_correlation"),
     ),
     Mutant(
         "turn-variance-halved",
@@ -346,7 +346,7 @@ MUTANTS = (
         "fusion/filter.py",
         "self._ekf.widen(State.RATE, measurement.innovation**2)",
         "pass",
-        _tests("test_fusion::test_sudden_reversal_is_believed", "test_fusion_abrupt"),
+        _tests("test_fusion::test_sudden_reversal_is_believed"),
     ),
     Mutant(
         "exposure-by-rectangles",
@@ -360,21 +360,21 @@ MUTANTS = (
         "fusion/updates/standstill.py",
         "SHORTEST_NS = 500_000_000",
         "SHORTEST_NS = 20_000_000",
-        _tests("test_standstill"),
+        _tests("test_standstill::test_standstill_takes_half_a_second_of_quiet"),
     ),
     Mutant(
         "standstill-never",
         "fusion/updates/standstill.py",
         "return replace(self, standing=True)",
         "return self",
-        _tests("test_standstill"),
+        _tests("test_standstill::test_standstill_takes_half_a_second_of_quiet"),
     ),
     Mutant(
         "standstill-in-spite-of-motion",
         "fusion/updates/standstill.py",
         "CLEAR = 4.0",
         "CLEAR = 40.0",
-        _tests("test_standstill"),
+        _tests("test_standstill::test_gyro_sample_beyond_its_noise_ends_a_standstill"),
     ),
     Mutant(
         "empty-pose-believed",
@@ -410,7 +410,7 @@ MUTANTS = (
         "fusion/checks/stamps.py",
         "not steady or nearest >= FILLS * period",
         "True",
-        _tests("test_timeline"),
+        _tests("test_timeline::test_clock_that_goes_back_within_the_lag_window_is_not_sorted_among_what_was_there"),
     ),
     Mutant(
         "least-serious-first",
@@ -446,14 +446,14 @@ MUTANTS = (
         "fusion/buffer/events.py",
         "variance <= 0.0",
         "variance < 0.0",
-        _tests("test_fusion::test_unusable_sample_is_refused_and_counted", "test_fusion_nonsense"),
+        _tests("test_fusion::test_unusable_sample_is_refused_and_counted"),
     ),
     Mutant(
         "reference-cloned-before-the-gyro",
         "fusion/buffer/events.py",
         "    REFERENCE = 3",
         "    REFERENCE = -1",
-        _tests("test_timeline", "test_smoother::test_smoothed_yaw_of_linear_drive_equals_batch_least_squares"),
+        _tests("test_timeline::test_any_arrival_inside_lag_window_gives_the_same_bits"),
     ),
     # ------------------------------------------------------------ fusion/imu
     Mutant(
@@ -461,24 +461,21 @@ MUTANTS = (
         "fusion/imu/levelling.py",
         "(dot(up, rate) - tilt * dot(forward, rate)) / level",
         "dot(up, rate)",
-        _tests("test_offline_vertical"),
+        _tests("test_offline_vertical::test_level_orientation_known_turn_is_exact_in_any_mount"),
     ),
     Mutant(
         "bump-taken-for-gravity",
         "fusion/imu/gravity.py",
         "_LENGTH_ERROR = 0.2",
         "_LENGTH_ERROR = 0.95",
-        _tests("test_imu_fields"),
+        _tests("test_imu_fields::test_vertical_from_accelerometer_without_gravity_is_none"),
     ),
     Mutant(
         "tracks-of-a-level-robot",
         "fusion/imu/tilt.py",
         "return up[2] / level if level >= STEEPEST else 1.0",
         "return 1.0",
-        _tests(
-            "test_lean::test_tracks_poses_and_rates_become_the_headings",
-            "test_lean::test_gains_are_those_of_rates_that_imu_level_gives",
-        ),
+        _tests("test_lean::test_tracks_poses_and_rates_become_the_headings"),
     ),
     # ------------------------------------------------------------ fusion/pipeline, smoother
     Mutant(
@@ -493,14 +490,14 @@ MUTANTS = (
         "fusion/pipeline.py",
         "sample.t_ns < newest_ns - self._lag_ns",
         "sample.t_ns < newest_ns - 2 * self._lag_ns",
-        _tests("test_timeline"),
+        _tests("test_timeline::test_older_than_lag_window_is_refused_and_counted"),
     ),
     Mutant(
         "jump-of-time-keeps-the-turn",
         "fusion/pipeline.py",
         "UNKNOWN_TURN = math.pi**2 / 3.0",
         "UNKNOWN_TURN = 1e-4",
-        _tests("test_timeline"),
+        _tests("test_timeline::test_jump_back_in_time_goes_on_from_the_yaw_it_had_with_an_unknown_turn"),
     ),
     Mutant(
         "smoothed-variance-of-the-filter",
@@ -543,7 +540,10 @@ MUTANTS = (
         "fusion/offline/scores.py",
         "0.5 * (rate[1:] + rate[:-1])",
         "rate[1:]",
-        _tests("test_offline_evaluate"),
+        _tests(
+            "test_offline_evaluate::test_gyro_alone_is_the_trapezoid_and_skips_what_is_not_finite",
+            "test_offline_evaluate::test_summary_gives_errors_in_degrees",
+        ),
     ),
     # ------------------------------------------------------------ nodes
     Mutant(
