@@ -3,7 +3,7 @@
 #   make test      before a change lands: all tests; 6 minutes on two cores, longer beside other programs, no less green
 #   make lint      style and types alone
 #   make torture   every sensor times every fault, written to docs/faults.md; 6 minutes on two cores
-#   make mutants   small changes made to the code on purpose, each of which its tests have to notice; half an hour
+#   make mutants   small changes made to the code on purpose, each of which its tests have to notice; ten minutes
 #   make bench     speed, which no test judges, written to docs/benchmarks.md
 #   make evaluate  every experiment with 20 seeds in the held-out worlds, written to docs/benchmarks.md: hours
 #   make demo      a simulated drive, fused
