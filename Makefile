@@ -3,6 +3,7 @@
 #   make test      before a change lands: all tests; 6 minutes on two cores, longer beside other programs, no less green
 #   make lint      style and types alone
 #   make torture   every sensor times every fault, written to docs/faults.md; 6 minutes on two cores
+#   make mutants   small changes made to the code on purpose, each of which its tests have to notice; ten minutes
 #   make bench     speed, which no test judges, written to docs/benchmarks.md
 #   make evaluate  every experiment with 20 seeds in the held-out worlds, written to docs/benchmarks.md: hours
 #   make demo      a simulated drive, fused
@@ -10,7 +11,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo check test lint torture bench evaluate config clean
+.PHONY: demo check test lint torture mutants bench evaluate config clean
 
 $(VENV)/base.stamp: pyproject.toml
 	.ci/venv $(PYTHON) $(VENV)
@@ -40,10 +41,13 @@ lint: $(VENV)/dev.stamp
 torture: $(VENV)/dev.stamp
 	PYTHONPATH=tests $(BIN)/python -m torture
 
+mutants: $(VENV)/dev.stamp
+	PYTHONPATH=tests $(BIN)/python -m mutants
+
 bench: $(VENV)/dev.stamp
 	set -e; for script in tests/benchmarks/*.py; do echo "== $$script"; $(BIN)/python $$script --markdown docs/benchmarks.md; done
 
-# the real log is not in this repository; tests/photo_drive.py says where it is looked for
+# the real log is not in this repository; tests/tools/photo_drive.py says where it is looked for
 HUSKY := $(wildcard ../shared/data/husky.bag)
 
 evaluate: $(VENV)/base.stamp

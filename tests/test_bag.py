@@ -125,6 +125,35 @@ def test_topics_known_name_wins_among_several(tmp_path):
     assert choose(write_topics(tmp_path / "b", "/imu/a", "/imu/data", "/imu/z")).gyro.name == "/imu/data"
 
 
+def test_topics_without_messages_are_passed_over(tmp_path):
+    """A recorder notes the topics of drivers that never spoke."""
+    path = tmp_path / "b"
+    with TinyBag(path) as bag:
+        for name, kind in (("/imu/a", "sensor_msgs/msg/Imu"), ("/odom/a", "nav_msgs/msg/Odometry")):
+            bag.writer.add_connection(name, kind, typestore=bag.store)
+        bag.imu("/imu/b", START_NS, 0.1)
+    choice = choose(path)
+    assert choice.gyro.name == "/imu/b"
+    assert choice.odometry is None
+    with pytest.raises(BagError, match=r"/imu/a has no messages"):
+        choose(path, gyro="/imu/a")
+
+
+def test_topics_that_we_published_ourselves_are_no_odometry(tmp_path):
+    """A bag recorded beside the nodes holds raw compass and fused yaw; fed back, the yaw would confirm itself."""
+    ours = TopicSettings().compass_output_topic, TopicSettings().fused_output_topic
+    path = tmp_path / "b"
+    with TinyBag(path) as bag:
+        bag.imu("/imu/data", START_NS, 0.1)
+        for name in ours:
+            bag.odometry(name, START_NS, 0.0, 0.1)
+    assert choose(path).odometry is None
+    with TinyBag(tmp_path / "c") as bag:
+        for name in (*ours, "/wheels"):
+            bag.odometry(name, START_NS, 0.0, 0.1)
+    assert choose(tmp_path / "c").odometry.name == "/wheels"
+
+
 def test_topics_several_candidates_are_listed(tmp_path):
     path = write_topics(tmp_path / "b", "/imu/a", "/imu/b")
     with pytest.raises(BagError, match=r"several topics of type sensor_msgs/Imu: /imu/a, /imu/b; .*--gyro-topic"):

@@ -5,7 +5,7 @@ import math
 import cv2
 import numpy as np
 import pytest
-from panoramas import FRAME_NS, PHOTO_NAMES, PHOTOS, START_NS, as_bytes, photo, scene, shifted
+from panoramas import FRAME_NS, PHOTO_NAMES, START_NS, as_bytes, photo, scene, shifted
 
 from compass import VisualCompass
 from compass.images.full_circle import EVERY, VIEWS
@@ -126,7 +126,6 @@ def test_changed_size_is_judged_anew():
     assert compass.circle.verdict is None
 
 
-@pytest.mark.skipif(not PHOTOS.is_dir(), reason=f"no photographs in {PHOTOS}")
 @pytest.mark.parametrize("name", PHOTO_NAMES)
 def test_photographs_are_told_from_their_halves(name):
     panorama = cv2.resize(photo(name), (WIDTH, HEIGHT), interpolation=cv2.INTER_AREA)

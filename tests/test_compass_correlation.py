@@ -7,9 +7,12 @@ import pytest
 import scipy.fft
 from panoramas import as_bytes, scene, shifted
 
-from compass import CompassConfig
+from compass import CompassConfig, CompassStatus
+from compass.flow.coarse_shift import coarse_shift
 from compass.flow.correlation import continuous_peak, pooled_spectrum, signed
+from compass.flow.pure_turn import pooled_turn, turn_variance
 from compass.images.strip import Strip, prepare_strip
+from compass.methods.match import Search
 
 WHOLE = CompassConfig(roi_top=0.0, roi_bottom=1.0)
 
@@ -96,3 +99,64 @@ def test_three_turns_lose_least_with_the_continuous_peak():
 def test_signed_brings_shifts_to_the_half_open_half_circle():
     assert signed([0, 5, 49.5, 50, 99, -50, 150], 100).tolist() == [0, 5, 49.5, -50, -1, -50, -50]
     assert signed([50, 51], 101).tolist() == [50, -50]
+
+
+def coarse(peaks, search):
+    """Coarse shift where the correlation has these peaks, one column wide: column -> height."""
+    values = np.zeros(1024, np.float32)
+    for column, height in peaks.items():
+        values[column] = height
+    return coarse_shift(scipy.fft.rfft(values), 1024, search)
+
+
+ANYWHERE, NEAR = Search(0.0, 512.0, 512.0), Search(0.0, 100.0, 512.0)
+
+
+@pytest.mark.parametrize(("rival", "ambiguous"), [(0.4, False), (0.9, False), (0.99, True), (0.999, True)])
+def test_another_peak_is_as_likely_only_where_it_is_as_high_but_for_noise(rival, ambiguous):
+    """Measured: rivals reach 0.39 where nothing repeats itself; where something does they are within noise of 1."""
+    status = coarse({10: 1.0, 500: rival}, ANYWHERE).status
+    assert status is (CompassStatus.AMBIGUOUS if ambiguous else CompassStatus.OK)
+
+
+@pytest.mark.parametrize(("apart", "ambiguous"), [(30, False), (120, True)])
+def test_a_peak_beside_the_highest_is_its_shoulder_and_no_rival(apart, ambiguous):
+    """A doorway spans some ten degrees of the circle, and so does its peak; none spans 42."""
+    status = coarse({10: 1.0, 10 + apart: 0.99}, ANYWHERE).status
+    assert status is (CompassStatus.AMBIGUOUS if ambiguous else CompassStatus.OK)
+
+
+@pytest.mark.parametrize(("within", "shift"), [(0.3, 300), (0.8, 20)])
+def test_a_peak_beyond_reach_wins_only_where_it_is_much_higher(within, shift):
+    """`max_yaw_rate` is a guess of the robot: what matches far better beyond it has turned further."""
+    assert coarse({20: within, 300: 1.0}, NEAR).shift_px == shift
+
+
+def test_a_rival_beyond_reach_is_none():
+    assert coarse({20: 1.0, 300: 0.99}, NEAR).status is CompassStatus.OK
+
+
+@pytest.mark.parametrize("amplitude", [-0.1, 0.1])
+def test_the_finest_wave_of_an_even_circle_does_not_move_the_peak(amplitude):
+    """Sampled twice a period it has no phase, so it tells nothing; counted, it would draw the peak to whole columns."""
+    before = scene(4, 64, 16)
+    spectrum = pooled_spectrum(strip_of(before), strip_of(shifted(before, 3.3)))
+    with_wave = spectrum.copy()
+    with_wave[-1] += amplitude * np.abs(spectrum).max()
+    assert continuous_peak(with_wave, 64, 3.0).shift_px == continuous_peak(spectrum, 64, 3.0).shift_px
+
+
+def test_variance_claimed_of_a_turn_is_never_below_the_cramer_rao_bound():
+    """No unbiased estimate beats 2 sigma^2 / sum of squared gradients; the noise is told by 8192 pixels to 1.6 %."""
+    image, sigma, rng = scene(6, 256, 32), 1.0, np.random.default_rng(0)
+    gradient = np.fft.irfft(np.fft.rfft(image, axis=1) * 2j * np.pi * np.fft.rfftfreq(256), 256, axis=1)
+    bound = 2.0 * sigma**2 / float((gradient**2).sum())
+    claimed, errors = [], []
+    for shift in rng.uniform(-10.0, 10.0, 100):
+        one, other = (strip_of(view + rng.normal(0.0, sigma, view.shape)) for view in (image, shifted(image, shift)))
+        peak, spectrum = pooled_turn(one, other, round(shift))
+        claimed.append(turn_variance(peak, spectrum, one))
+        errors.append(peak.shift_px - shift)
+    assert min(claimed) > 0.9 * bound
+    # and is as near to it as chi-square of 100 allows, three of its deviations
+    assert np.mean(np.square(errors)) == pytest.approx(bound, rel=3.0 * np.sqrt(2.0 / 100.0))

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from panoramas import (
     PHOTO_NAMES,
-    PHOTOS,
     as_bytes,
     azimuths,
     compare,
@@ -29,7 +28,6 @@ PER_RAD = WIDTH / math.tau
 LEVEL = (0.0, 0.0, 1.0)
 WAYS = {"forward": 0.0, "backward": math.pi, "aslant": 0.7}
 TILTS = {"pitch": (0.0, 1.0), "roll": (1.0, 0.0), "both": (0.6, 0.8)}
-needs_photos = pytest.mark.skipif(not PHOTOS.is_dir(), reason="the photographs are not there")
 
 
 @cache
@@ -201,9 +199,7 @@ def photographs(seed):
 
 
 @pytest.mark.parametrize(("told", "more"), [(True, 1.0), (False, 1.5)], ids=["told by an IMU", "untold"])
-@pytest.mark.parametrize(
-    ("pictures", "largest_px"), [(panorama, 0.08), pytest.param(photographs, 0.1, marks=needs_photos)]
-)
+@pytest.mark.parametrize(("pictures", "largest_px"), [(panorama, 0.08), (photographs, 0.1)])
 def test_camera_that_tilts_sees_its_turn(pictures, largest_px, told, more):
     errors, variances = [], []
     for seed in range(12):

@@ -1,6 +1,7 @@
 """Bytes of topics and files to arrays, arrays to grey."""
 
 import array
+import math
 import zlib
 
 import cv2
@@ -8,8 +9,9 @@ import numpy as np
 import pytest
 from panoramas import as_bytes, scene
 
-from compass import ImageError
+from compass import CompassConfig, ImageError
 from compass.images.decode import image_from_compressed, image_from_raw, to_grey
+from compass.images.strip import prepare_strip
 
 HEIGHT, WIDTH = 5, 12
 LAYOUTS = {
@@ -326,3 +328,11 @@ def test_bytes_of_another_kind_are_called_by_their_name(data, named, says):
 
 def test_format_of_a_message_is_only_words_where_the_bytes_are_a_picture(picture):
     assert image_from_compressed(jpeg(picture), 0, "h264").shape == picture.shape
+
+
+@pytest.mark.parametrize(("roi_top", "horizon"), [(0.0, 0.5), (0.25, 0.5), (0.25, 0.4), (0.3, 0.6)])
+def test_strip_knows_how_high_above_the_horizon_it_begins(roi_top, horizon):
+    """Pixels are square: of 1024 columns each row is 2 pi / 1024 rad high."""
+    config = CompassConfig(roi_top=roi_top, roi_bottom=0.9, horizon_row=horizon)
+    strip = prepare_strip(0, np.zeros((500, 1024), np.uint8), config)
+    assert strip.top == pytest.approx((horizon - roi_top) * 500 * math.tau / 1024)

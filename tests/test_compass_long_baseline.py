@@ -6,7 +6,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
-from panoramas import FRAME_NS, PHOTO_NAMES, PHOTOS, START_NS, as_bytes, azimuths, photo, scene, seen_from, shifted
+from panoramas import FRAME_NS, PHOTO_NAMES, START_NS, as_bytes, azimuths, photo, scene, seen_from, shifted
 
 from compass import CompassConfig, CompassStatus, VisualCompass, wrap_angle
 from compass.features.bearings import Tangents, undo
@@ -21,7 +21,6 @@ from fusion import FusionConfig, YawPipeline
 WIDTH, HEIGHT = 1024, 512
 PER_RAD = WIDTH / math.tau
 EVERY = 9  # images between two looks back, at 10 Hz
-needs_photos = pytest.mark.skipif(not PHOTOS.is_dir(), reason="the photographs are not there")
 
 
 def strip(image, t_ns):
@@ -112,7 +111,6 @@ def past_walls(image, direction, left, right, step):
     return seen_from(image, step, direction, np.where(on_the_left, left, right))
 
 
-@needs_photos
 @pytest.mark.parametrize(("step", "left", "right"), [(0.0, 3.0, 3.0), (1.0, 3.0, 3.0), (0.3, 1.5, 4.0)])
 def test_turn_of_photographs_is_right_to_a_hundredth_of_a_degree(step, left, right):
     errors = []

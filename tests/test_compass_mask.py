@@ -173,3 +173,28 @@ def test_mask_of_16_bits_and_of_colours_is_read_alike(tmp_path):
         cv2.imwrite(str(tmp_path / name), picture)
         mask = load_mask(CompassConfig(mask=str(tmp_path / name)))
         np.testing.assert_array_equal(mask.robot, grey > 127)
+
+
+def test_mask_covers_the_blurred_edge_of_the_robot_and_no_more(tmp_path):
+    """An edge is blurred over a pixel to either side; a margin of five would cost the world beside each mast."""
+    first, last = 300, 327
+    picture = np.zeros((128, WIDTH), np.uint8)
+    picture[:, first : last + 1] = 255
+    cv2.imwrite(str(tmp_path / "mast.png"), picture)
+    config = CompassConfig(mask=str(tmp_path / "mast.png"), roi_top=0.0, roi_bottom=1.0)
+    seen = prepare_strip(0, as_bytes(scene()), config, "", load_mask(config)).seen.pixels
+    for beside in (-1, 1):
+        edge = first if beside < 0 else last
+        assert not seen[:, edge + beside].any()
+        assert seen[:, edge + 5 * beside].all()
+
+
+def test_mask_covers_the_blurred_edge_on_the_other_side_of_the_seam(tmp_path):
+    """The circle is closed: a mast at the first columns is blurred into the last."""
+    picture = np.zeros((128, WIDTH), np.uint8)
+    picture[:, :20] = 255
+    cv2.imwrite(str(tmp_path / "mast.png"), picture)
+    config = CompassConfig(mask=str(tmp_path / "mast.png"), roi_top=0.0, roi_bottom=1.0)
+    seen = prepare_strip(0, as_bytes(scene()), config, "", load_mask(config)).seen.pixels
+    assert not seen[:, -1].any()
+    assert seen[:, -5].all()

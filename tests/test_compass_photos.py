@@ -15,11 +15,11 @@ import pytest
 from panoramas import (
     FRAME_NS,
     PHOTO_NAMES,
-    PHOTOS,
     START_NS,
     as_bytes,
     azimuths,
     compare,
+    needs_two_places,
     photo,
     seen_from,
     shifted,
@@ -29,8 +29,6 @@ from panoramas import (
 from scipy.stats import chi2
 
 from compass import CompassConfig, CompassStatus, VisualCompass, wrap_angle
-
-pytestmark = pytest.mark.skipif(not PHOTOS.is_dir(), reason=f"no photographs in {PHOTOS}")
 
 NOISE = 2.0  # grey values of 255
 TRIALS = 12  # of each photograph
@@ -143,6 +141,7 @@ def test_increment_is_opposite_when_the_frames_change_places(name):
     assert abs(there.yaw + back.yaw) < 0.5 * bound(name)
 
 
+@needs_two_places
 @pytest.mark.parametrize("name", PHOTO_NAMES)
 def test_something_new_over_30_degrees_leaves_the_turn(name):
     # a twelfth of one view is covered by another place; 32 sectors of the circle are 2.7 of them
@@ -272,6 +271,7 @@ def test_big_turn_between_two_frames_is_found_despite_max_yaw_rate(name, degrees
     assert abs(wrap_angle(increment.yaw - columns * math.tau / 1024)) < 5.0 * 1.5 * bound(name)
 
 
+@needs_two_places
 @pytest.mark.parametrize("method", ["sectors", DEFAULT])
 def test_no_increment_between_unrelated_places(method):
     compass = compass_of(method)
@@ -283,6 +283,7 @@ def test_no_increment_between_unrelated_places(method):
                 assert compass.status is CompassStatus.LOW_CONFIDENCE
 
 
+@needs_two_places
 @pytest.mark.parametrize("method", ["sectors", DEFAULT])
 def test_carried_to_another_place_the_compass_goes_on_from_there(method):
     step = 5.0  # columns a frame

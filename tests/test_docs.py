@@ -97,4 +97,4 @@ def test_every_picture_is_shown_on_a_page():
 def test_tree_in_the_docs_is_that_of_the_packages():
     house = runpy.run_path(str(ROOT / "tests" / "tools" / "house.py"))
     page = (ROOT / "docs" / "house.md").read_text(encoding="utf-8")
-    assert house["written"](page) == page, "run python tests/tools/house.py"
+    assert house["written"](page) == page, "run PYTHONPATH=tests python -m tools.house"

@@ -15,6 +15,7 @@ from fusion.state.ekf import CLONES, DIM, LASTING, TURNING, YAWS, State, YawEkf
 from fusion.updates.compass import compass_measurement
 from fusion.updates.gyro import gyro_measurement, turn_bias
 from fusion.updates.odometry import tracks_measurement
+from fusion.updates.standstill import stand_still
 
 
 @pytest.fixture
@@ -195,3 +196,13 @@ def test_considered_states_keep_value_and_variance(ekf):
 def test_states_cover_the_vector():
     assert DIM == State.CLONE + CLONES
     assert YAWS.sum() == 3 + CLONES
+
+
+def test_standstill_tells_nothing_of_scale_factors(ekf):
+    """Neither a sensor's scale nor what is known of it changes while nothing turns, however it is correlated."""
+    scales = [State.SCALE, State.GYRO_SCALE]
+    before = ekf.x[scales].copy(), np.diag(ekf.P)[scales].copy()
+    stand_still(ekf, 1.0)
+    assert abs(ekf.x[State.RATE]) < 0.01  # it was taken in
+    np.testing.assert_array_equal(ekf.x[scales], before[0])
+    np.testing.assert_allclose(np.diag(ekf.P)[scales], before[1], rtol=1e-9)

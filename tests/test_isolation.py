@@ -6,7 +6,7 @@ import pytest
 
 from fusion.buffer.events import Sensor
 from fusion.checks.isolation import Isolation, Third, contradict
-from fusion.checks.isolation_rules import judge
+from fusion.checks.isolation_rules import judge, surely_gyro
 from fusion.checks.windows import Claim, Window
 
 S = 500_000_000  # ns, a window
@@ -98,3 +98,11 @@ def test_no_scale_factor_makes_a_turn_of_none():
     tracks = Claim(0.5, 0.01, scale=0.5)
     assert contradict(tracks, Claim(0.0, 0.001), 0.5)
     assert not contradict(tracks, Claim(0.4, 0.001), 0.5)
+
+
+@pytest.mark.parametrize(
+    ("times", "turn", "surely"), [(57.3, 10.0, True), (57.3, 2.0, True), (57.3, 0.5, False), (10.0, 10.0, False)]
+)
+def test_gyro_in_degrees_is_told_by_its_ratio_to_a_turn_that_is_large_enough(times, turn, surely):
+    """A bias makes a ratio of 57 to a turn of half a degree."""
+    assert surely_gyro(window(0, gyro=times * turn, compass=turn), rad(turn)) == surely

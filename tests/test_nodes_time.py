@@ -7,6 +7,7 @@ import signal
 from itertools import count, cycle
 
 import pytest
+import rclpy
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
 from ros_harness import (
@@ -25,6 +26,10 @@ from ros_harness import (
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Image, Imu
 from std_srvs.srv import Empty
+
+from compass import CompassStatus
+from nodes.compass_node import CompassNode
+from nodes.fusion_node import FusionNode
 
 STEP_NS = 10_000_000
 RATE = 1.0  # rad/s
@@ -153,3 +158,25 @@ def test_one_stamp_far_ahead_does_not_stop_the_fused_yaw(robot, tmp_path):
         send_until(lambda: gyro(far), lambda: "far ahead" in node.text(), "the stamp refused")
         yaw = turn(gyro, fused, START_NS + 30 * STEP_NS, 30)
         assert yaw == pytest.approx(59 * STEP_NS * 1e-9 * RATE, abs=0.01)
+
+
+@pytest.mark.parametrize("kind", [FusionNode, CompassNode])
+def test_reset_forgets_the_images_and_the_raw_yaw(kind):
+    """What is seen after it may be another place: nothing of it is compared with what was before."""
+    rclpy.init()
+    node, texture = kind(), scene()
+    try:
+        stream = node._stream
+        for k in range(3):
+            stream._serve(image_message(START_NS + k * 10**8, panorama(0.1 * k, texture)))
+        before = stream._compass.yaw
+        stream.reset()
+        yaw, status = stream._compass.yaw, stream._compass.status
+        stream._serve(image_message(START_NS + 3 * 10**8, panorama(1.0, texture)))
+        after = stream._compass.yaw, stream._compass.status
+    finally:
+        node.destroy_node()
+        rclpy.try_shutdown()
+    assert before == pytest.approx(0.2, abs=0.01)
+    assert (yaw, status) == (0.0, CompassStatus.NOT_STARTED)
+    assert after == (0.0, CompassStatus.FIRST_FRAME)

@@ -4,20 +4,26 @@ from __future__ import annotations
 
 import math
 import threading
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 pytest.importorskip("rclpy", reason="rclpy is not installed: pip install '.[ros]'")
 
+import rclpy
 from geometry_msgs.msg import PoseWithCovarianceStamped
 
-from fusion import YawEstimate
+from compass import YawIncrement
+from fusion import GyroSample, YawEstimate
 from fusion.messages import MessageError, stamp_to_ns, yaw_of
 from nodes.conversions import fused_odometry, ns_to_stamp, pose_yaw, yaw_odometry
+from nodes.diagnostics import fusion_finding
+from nodes.fusion_node import FusionNode
 from nodes.health import Level, SequenceGaps, StreamHealth
 from nodes.newest_worker import NewestWorker
 from nodes.parameters import describe, settings_specs
+from nodes.sample_queue import SampleQueue
 from nodes.throttled_log import REPEAT_S, ThrottledLog
 from nodes.transforms import transform_of
 from nodes.transport import compressed_topic, raw_topic
@@ -207,3 +213,41 @@ def test_parameter_descriptor_names_unit_range_and_choices():
 def test_image_topic_of_either_name():
     assert raw_topic("/cam/compressed") == raw_topic("/cam") == "/cam"
     assert compressed_topic("/cam/compressed") == compressed_topic("/cam") == "/cam/compressed"
+
+
+@pytest.mark.parametrize(("live", "level"), [(0, Level.STALE), (1, Level.WARN), (2, Level.WARN), (3, Level.OK)])
+def test_filter_is_ok_only_where_all_sensors_feed_it(live, level):
+    found, text, _ = fusion_finding(estimate(), live)
+    assert found is level
+    assert (text == "OK") == (live == 3)
+
+
+def test_fusion_finding_before_the_first_sample_is_stale():
+    assert fusion_finding(None, 3)[0] is Level.STALE
+
+
+@pytest.mark.parametrize(("hertz", "published"), [(0.0, 100), (10.0, 10), (25.0, 25)])
+def test_fused_yaw_is_published_at_the_rate_asked_for(hertz, published):
+    """A second of a gyro at 100 Hz: each estimate, or those that are so far apart."""
+    rclpy.init(args=["--ros-args", "-p", f"fused_rate:={hertz}"])
+    node, stamps = FusionNode(), []
+    try:
+        node._publisher = SimpleNamespace(publish=lambda message: stamps.append(stamp_to_ns(message.header.stamp)))
+        for k in range(100):
+            node._fuse([GyroSample(10**18 + k * 10**7, 0.1)])
+    finally:
+        node.destroy_node()
+        rclpy.try_shutdown()
+    assert len(stamps) == published
+    assert min(np.diff(stamps)) == 10**9 // published
+
+
+def test_samples_of_one_turn_are_used_in_the_order_of_their_stamps():
+    used, late = [], YawIncrement(1, 20, 0.0, 1e-4, 0.9)
+    queue = SampleQueue(SimpleNamespace(create_timer=lambda *_, **__: None), used.append)
+    gyro = [GyroSample(t_ns, 0.0) for t_ns in (30, 10)]
+    queue.send(late)
+    for sample in gyro:
+        queue.append(sample)
+    queue._turn()
+    assert used == [[gyro[1], late, gyro[0]]]

@@ -4,7 +4,7 @@ import json
 import math
 
 import pytest
-from photo_drive import HUSKY, PHOTOS, STANDSTILL_BIAS, write_photo_bag
+from tools.photo_drive import HUSKY, PHOTOS, STANDSTILL_BIAS, write_photo_bag
 
 from fusion.offline.cli import main
 

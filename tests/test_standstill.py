@@ -7,6 +7,7 @@ import pytest
 
 from compass import YawIncrement
 from fusion import GyroSample, OdometrySample, YawFusion
+from fusion.updates.standstill import Stillness
 
 S = 10**9
 STARTS, FASTEST, RAMP, TURNS = 3.0, 1.0, 0.3, 0.6  # s, rad/s, s, s
@@ -62,3 +63,35 @@ def test_standing_robot_is_still_known_well_between_two_samples():
     known = fusion.estimate()
     assert known.standstill
     assert math.sqrt(fusion.estimate(known.t_ns + 10**7).yaw_variance) < math.radians(0.1)
+
+
+GYRO_SIGMA = 0.0025  # rad/s
+
+
+def quiet(seconds):
+    """What gyro (100 Hz) and tracks (20 Hz) have shown of a robot that does not move."""
+    rng, stillness = np.random.default_rng(0), Stillness(S)
+    for k in range(1, round(100 * seconds) + 1):
+        t_ns = S + k * 10**7
+        stillness = stillness.with_gyro(t_ns, GYRO_SIGMA * rng.normal(), GYRO_SIGMA)
+        if k % 5 == 0:
+            stillness = stillness.with_tracks(OdometrySample(t_ns, 0.0, 0.0))
+        stillness = stillness.judged(t_ns, 0.0, 0.005)
+    return stillness
+
+
+@pytest.mark.parametrize(("seconds", "standing"), [(0.1, False), (0.4, False), (0.8, True), (3.0, True)])
+def test_standstill_takes_half_a_second_of_quiet(seconds, standing):
+    """Between two turns to and fro a robot is quiet for less."""
+    assert quiet(seconds).standing == standing
+
+
+@pytest.mark.parametrize(("sigmas", "standing"), [(-3.0, True), (3.0, True), (8.0, False), (-8.0, False)])
+def test_gyro_sample_beyond_its_noise_ends_a_standstill(sigmas, standing):
+    """Of 200 Hz one in a minute is beyond 3.9 sigma; none is beyond 8."""
+    assert quiet(3.0).with_gyro(5 * S, sigmas * GYRO_SIGMA, GYRO_SIGMA).standing == standing
+
+
+@pytest.mark.parametrize(("rate", "speed", "standing"), [(0.0005, 0.005, True), (0.02, 0.0, False), (0.0, 0.05, False)])
+def test_tracks_that_move_end_a_standstill(rate, speed, standing):
+    assert quiet(3.0).with_tracks(OdometrySample(5 * S, rate, speed)).standing == standing

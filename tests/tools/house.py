@@ -1,10 +1,11 @@
-"""Writes the tree of the packages, a line per file, into docs/house.md: `python tests/tools/house.py`.
+"""Writes the tree of the packages, a line per file, into docs/house.md: `PYTHONPATH=tests python -m tools.house`.
 
 The line is the first of the file's docstring. `tests/test_docs.py` holds the page to it.
 """
 
 from __future__ import annotations
 
+import argparse
 import ast
 from pathlib import Path
 
@@ -42,4 +43,5 @@ def _first_line(file: Path) -> str:
 
 
 if __name__ == "__main__":
+    argparse.ArgumentParser(prog="python -m tools.house", description=__doc__).parse_args()
     PAGE.write_text(written(PAGE.read_text(encoding="utf-8")), encoding="utf-8")

@@ -1,10 +1,11 @@
 """Views of simulated drives some seconds apart: matched across a gap, and over long baselines.
 
-    python tests/gap_table.py
+    PYTHONPATH=tests python -m tools.gap_table
 
 Of seeds 0, 7 and 14, one of each world; the frames are rendered first, unless `simulate` or `evaluate` has done so.
 """
 
+import argparse
 import math
 from itertools import combinations
 
@@ -156,7 +157,11 @@ def photographs():
     print(f"different photographs: {len(pairs)} pairs, {accepted} taken for one", flush=True)
 
 
-if __name__ == "__main__":
+def main():
+    """Print all tables."""
+    argparse.ArgumentParser(
+        "gap_table", description=__doc__, formatter_class=argparse.RawTextHelpFormatter
+    ).parse_args()
     photographs()
     views = {name: [views_of(name, seed) for seed in SEEDS] for place in PLACES for name in place}
     for name, worlds in views.items():
@@ -165,3 +170,7 @@ if __name__ == "__main__":
     for name, worlds in views.items():
         same_place(name, worlds)
     different_places(views)
+
+
+if __name__ == "__main__":
+    main()

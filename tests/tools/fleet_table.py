@@ -1,4 +1,7 @@
-"""Print how honest gyro and tracks are on robots that never stand until the end: python tests/fleet_table.py."""
+"""Print how honest gyro and tracks are on robots that never stand until the end.
+
+PYTHONPATH=tests python -m tools.fleet_table [--seeds N]
+"""
 
 import argparse
 import math
@@ -71,7 +74,7 @@ def fused(ride, config):
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = argparse.ArgumentParser("fleet_table", description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--seeds", type=int, default=20)
     seeds = parser.parse_args().seeds
     for fleet, errors in FLEETS.items():

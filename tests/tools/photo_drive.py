@@ -4,11 +4,13 @@ The Husky's log has no camera. Its gyro, less the bias it shows standing still, 
 photograph shifted by that yaw (by Fourier's theorem, so by any part of a pixel), with exposure and noise of a camera,
 is what a camera on it would have seen far from everything. Real are the motion, the rates and jitter of the stamps,
 the IMU (mounted with +Y up), the skid-steered wheels and the scene.
+
+    PYTHONPATH=tests python -m tools.photo_drive forest.jpg photo.mcap
 """
 
 from __future__ import annotations
 
-import sys
+import argparse
 from pathlib import Path
 
 import cv2
@@ -19,7 +21,7 @@ from fusion.imu.tilt import heading_gain
 from fusion.offline.bag import Bag
 from fusion.offline.bag_writer import BagWriter
 
-DATA = Path(__file__).parent.parent.parent / "shared" / "data"
+DATA = Path(__file__).parents[3] / "shared" / "data"
 HUSKY, PHOTOS = DATA / "husky.bag", DATA / "panoramas"
 STANDSTILL_BIAS = -0.0003  # rad/s, from the log's own page
 NOISE = 2.0  # grey values of 255
@@ -90,5 +92,14 @@ def husky_readings(start: float, end: float) -> tuple[list, list]:
     return inside[0], inside[1]
 
 
+def main() -> None:
+    """Write the bag of a hundred seconds of the log."""
+    parser = argparse.ArgumentParser("photo_drive", description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("photo", help=f"file in {PHOTOS}")
+    parser.add_argument("bag", type=Path, help="MCAP file to write")
+    arguments = parser.parse_args()
+    write_photo_bag(arguments.bag, PHOTOS / arguments.photo, 100.0, 200.0)
+
+
 if __name__ == "__main__":
-    write_photo_bag(Path(sys.argv[2]), PHOTOS / sys.argv[1], 100.0, 200.0)
+    main()

@@ -1,5 +1,9 @@
-"""Print what stamps that are late or stray, and slopes, cost the fused yaw, learnt and not: python tests/tables.py."""
+"""Print what stamps that are late or stray, and slopes, cost the fused yaw, learnt and not.
 
+PYTHONPATH=tests python -m tools.tables [late] [straying] [leaning]
+"""
+
+import argparse
 import math
 
 import numpy as np
@@ -69,7 +73,16 @@ def leaning():
             print(f"leaning by {lean:2.0f} deg, {name}: {rms:.2f} {worst:.2f} ({np.mean(normalised):.1f})", flush=True)
 
 
+TABLES = {"late": late, "straying": straying, "leaning": leaning}
+
+
+def main():
+    """Print the tables asked for, or all."""
+    parser = argparse.ArgumentParser("tables", description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("tables", nargs="*", metavar="TABLE", help=f"of {', '.join(TABLES)}; all")
+    for name in parser.parse_args().tables or TABLES:
+        TABLES[name]()
+
+
 if __name__ == "__main__":
-    late()
-    straying()
-    leaning()
+    main()

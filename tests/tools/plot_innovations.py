@@ -1,6 +1,9 @@
-"""Draw the innovations of docs/filter.md, without faults and with two: python tests/plot_innovations.py [PNG]."""
+"""Draw the innovations of docs/filter.md, without faults and with two.
 
-import sys
+PYTHONPATH=tests python -m tools.plot_innovations [PNG]
+"""
+
+import argparse
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,7 +16,7 @@ from robot_drive import robot_drive
 
 from fusion import GyroSample, OdometrySample, Sensor, Verdict, YawFusion
 
-PAGE = Path(__file__).parents[1] / "docs" / "figures" / "innovations.png"
+PAGE = Path(__file__).parents[2] / "docs" / "figures" / "innovations.png"
 NAMES = {Sensor.GYRO: "gyro, rad/s", Sensor.TRACKS: "tracks, rad", Sensor.COMPASS: "compass, rad"}
 RANGES = {Sensor.GYRO: 0.1, Sensor.TRACKS: 0.6, Sensor.COMPASS: 0.02}
 
@@ -46,6 +49,11 @@ def draw_innovations(axes, found, sensor):
 
 def main():
     """Write the picture."""
+    parser = argparse.ArgumentParser(
+        "plot_innovations", description=__doc__, formatter_class=argparse.RawTextHelpFormatter
+    )
+    parser.add_argument("png", nargs="?", type=Path, default=PAGE, help="where it is written; the one of the docs")
+    path = parser.parse_args().png
     sound = robot_drive(0, seconds=40.0)
     faulty = sound.changed(lambda s: replace(s, yaw_rate=s.yaw_rate + 0.3), GyroSample, 26.0)
     faulty = faulty.changed(lambda s: replace(s, yaw_rate=0.0, yaw=0.5), OdometrySample, 10.0, 20.0)
@@ -63,7 +71,6 @@ def main():
         axes[3, column].set_xlabel("s")
     axes[3, 0].set_ylabel("yaw error, deg")
     figure.tight_layout()
-    path = Path(sys.argv[1] if len(sys.argv) > 1 else PAGE)
     figure.savefig(path, dpi=80)
     print(path)
 

@@ -1,0 +1,1 @@
+"""Tools that draw pictures and print tables for the docs; no tests."""
