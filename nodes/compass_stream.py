@@ -6,7 +6,7 @@ import math
 import threading
 import time
 from collections.abc import Callable
-from typing import Any
+from typing import Any, TypeAlias, cast
 
 import numpy as np
 from nav_msgs.msg import Odometry
@@ -30,7 +30,7 @@ from nodes.transport import compressed_topic, raw_topic
 
 IMAGE_QOS = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 
-ImageMessage = Image | CompressedImage
+ImageMessage: TypeAlias = Image | CompressedImage
 
 
 class CompassStream:
@@ -81,12 +81,12 @@ class CompassStream:
         work = surviving(node, self.topic, log, self._work)
         self._worker: NewestWorker[ImageMessage] = NewestWorker(work, "images")
         look = surviving(node, self.topic, log, self._look)
-        self._back: NewestWorker[Comparison] = NewestWorker(look, "looking back")  # takes longer than an image may
+        self._back: NewestWorker[Comparison] = NewestWorker(look, "long baselines")  # takes longer than an image may
         self._publisher = node.create_publisher(Odometry, topics.compass_output_topic, 10)
         node.create_subscription(
             self._kind,
             self.topic,
-            self._receive,
+            cast(Any, self._receive),  # takes the message's info, too, which rclpy's types leave out
             IMAGE_QOS,
             callback_group=MutuallyExclusiveCallbackGroup(),
             qos_overriding_options=QoSOverridingOptions.with_default_policies(),

@@ -40,7 +40,7 @@ class NodeParameters:
 
     def __init__(self, node: Node, groups: Iterable[str]) -> None:
         self._node = node
-        given = {name: parameter.value for name, parameter in node.get_parameters_by_prefix("").items()}
+        given = given_values(node)
         self.settings = Settings.from_dict(given)
         self._specs = settings_specs()
         values = settings_values(self.settings)
@@ -74,9 +74,15 @@ class NodeParameters:
         return SetParametersResult(successful=True)
 
 
+def given_values(node: Node) -> dict[str, Any]:
+    """What the node was given on its command line and in parameter files, by name."""
+    given: dict[str, Any] = dict(node.get_parameters_by_prefix(""))
+    return {name: parameter.value for name, parameter in given.items()}
+
+
 def declare_config(node: Node, kind: type[Config]) -> Config:
     """Declare the fields of one config as parameters of a node (see `NodeParameters`); returns the values given."""
-    given = {name: parameter.value for name, parameter in node.get_parameters_by_prefix("").items()}
+    given = given_values(node)
     config = kind.from_dict({name: value for name, value in given.items() if not name.startswith(_ROS_OWN)})
     for spec in kind.specs():
         if spec.name in given:

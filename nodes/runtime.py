@@ -46,7 +46,7 @@ def run(make_node: Callable[[], Node], args: Sequence[str] | None = None) -> int
     node: Node | None = None
     log = rclpy.logging.get_logger("visual_compass")
     try:
-        rclpy.init(args=args)
+        rclpy.init(args=None if args is None else list(args))
     except RuntimeError as error:  # rcl's: a parameter file or remapping it cannot parse
         log.fatal(str(error))
         return 1
