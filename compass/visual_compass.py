@@ -37,13 +37,15 @@ GIVE_UP_NS = 1_000_000_000  # a view that matches no keyframe for so long is a n
 class VisualCompass:
     """Yaw of a 360-degree camera from the circular shift of its panoramas.
 
+    The idea, and that parallax spoils it: Labrosse 2006, doi:10.1002/rob.20159; the paper (`methods/row_correlation`).
+
     Parameters
     ----------
     config : CompassConfig
         Defaults when not given.
     up_at : callable, optional
         Knows the vertical in the camera's frame (x ahead, y left, z up; a unit vector) at a stamp, ns, or None where it
-        does not. Without it the camera guesses how it leans from what it sees.
+        does not. Without it the tilt is estimated from what is seen.
 
     Raises
     ------
@@ -90,8 +92,8 @@ class VisualCompass:
         self._keyframe: Strip | None = None  # what images are compared with, and the yaw there
         self._keyframe_yaw = 0.0
         self._keyframe_variance = 0.0
-        self._keyframe_leans = Tilted()
-        self._leans = Tilted()  # at the last good image
+        self._keyframe_tilt = Tilted()
+        self._tilt = Tilted()  # at the last good image
         self._last: Strip | None = None  # the last image that gave an increment, or the keyframe
         self._last_variance = 0.0  # of the yaw there
         self._last_increment: YawIncrement | None = None  # to it; None for the keyframe
@@ -185,7 +187,7 @@ class VisualCompass:
         good = self.status in (CompassStatus.OK, CompassStatus.FOUND_AGAIN)
         if self._last is None or not (good and self._long_baseline):
             return None
-        return self._baselines.due(View(self._last, self.yaw, self._last_variance, self._leans), self.config)
+        return self._baselines.due(View(self._last, self.yaw, self._last_variance, self._tilt), self.config)
 
     def _backward(self, t_ns: int) -> bool:
         """Whether the image is to be ignored; a row of rising stamps is the true time, and the later one was wrong."""
@@ -232,9 +234,9 @@ class VisualCompass:
             self._last_variance += self._lost_turns.lose(strip.t_ns, self.config.max_yaw_rate, waited_ns)
             self.yaw_variance = self._last_variance
         self._keyframe_yaw, self._keyframe_variance = self.yaw, self._last_variance
-        self._keyframe_leans = self._leans = self._lean_of(strip) or Tilted()
+        self._keyframe_tilt = self._tilt = self._tilt_of(strip) or Tilted()
         self._unmatched_since_ns, self._sought_ns = None, strip.t_ns
-        view = View(strip, self.yaw, self._last_variance, self._leans) if self._keyframe is not None else None
+        view = View(strip, self.yaw, self._last_variance, self._tilt) if self._keyframe is not None else None
         self._baselines.start_from(view, strip.t_ns)
 
     def _find_again(self, keyframe: Strip, strip: Strip) -> Match | None:
@@ -271,9 +273,9 @@ class VisualCompass:
         """Let the last good image be the keyframe: its increment from the old one has been given."""
         self._keyframe = self._last
         self._keyframe_yaw, self._keyframe_variance = self.yaw, self._last_variance
-        self._keyframe_leans = self._leans
+        self._keyframe_tilt = self._tilt
 
-    def _lean_of(self, strip: Strip) -> Tilted | None:
+    def _tilt_of(self, strip: Strip) -> Tilted | None:
         """How the camera leant, where that is known."""
         return None if strip.up is None else Tilted.upright(beyond_error(strip.up, self.config.tilt_sigma))
 
@@ -293,13 +295,13 @@ class VisualCompass:
         keyframe = self._keyframe or strip
         per_px = math.tau / keyframe.columns
         turn = match.shift_px * per_px
-        leans, yaw = self._keyframe_leans.after(turn, match.tilt)
-        variance = match.variance_px2 * per_px**2 + self._keyframe_leans.variance(turn, self.config.tilt_sigma)
+        tilted, yaw = self._keyframe_tilt.after(turn, match.tilt)
+        variance = match.variance_px2 * per_px**2 + self._keyframe_tilt.variance(turn, self.config.tilt_sigma)
         self.yaw += wrap_angle(self._keyframe_yaw + yaw - self.yaw)
         self.yaw_variance = self._last_variance = self._keyframe_variance + variance
         self._last = strip
         self._lost_turns.known(strip.t_ns)
-        self._leans = self._lean_of(strip) or leans.later((strip.t_ns - keyframe.t_ns) * 1e-9)
+        self._tilt = self._tilt_of(strip) or tilted.later((strip.t_ns - keyframe.t_ns) * 1e-9)
         self._unmatched_since_ns = None
         if match.spread_px > self._keyframe_spread:
             self._move_keyframe()

@@ -13,7 +13,7 @@ from fusion.checks.images import image_warnings
 from fusion.checks.refusal_share import RefusalWatch
 from fusion.checks.warnings import Warning, WarningLog, most_serious_first
 from fusion.config import FusionConfig
-from fusion.imu.tilt import LeanLog
+from fusion.imu.tilt import TiltLog
 from fusion.samples import GyroSample, YawEstimate
 from fusion.yaw_fusion import YawFusion
 
@@ -23,7 +23,7 @@ class YawPipeline:
 
     Attributes
     ----------
-    leans : LeanLog
+    tilts : TiltLog
         What the gyro's samples said of the robot's lean; the compass asks it.
     long_baseline : YawIncrement or None
         What the last image gave from a view some seconds ago.
@@ -34,7 +34,7 @@ class YawPipeline:
     def __init__(self, compass_config: CompassConfig | None = None, fusion_config: FusionConfig | None = None) -> None:
         from compass import VisualCompass  # type: ignore[attr-defined,unused-ignore]
 
-        self.leans = LeanLog()
+        self.tilts = TiltLog()
         self.warning_sources: list[Callable[[], Iterable[Warning]]] = []
         self._log = WarningLog()
         self.warning_sources.append(lambda: image_warnings(self.compass))
@@ -42,7 +42,7 @@ class YawPipeline:
         self.fusion = YawFusion(fusion_config)
         # the delay as given: what is learnt beyond it would depend on who came late
         known_ns = round(1e9 * self.fusion.config.camera_delay)
-        self.compass = VisualCompass(compass_config or CompassConfig(), lambda t_ns: self.leans.at(t_ns - known_ns))
+        self.compass = VisualCompass(compass_config or CompassConfig(), lambda t_ns: self.tilts.at(t_ns - known_ns))
         self.long_baseline: YawIncrement | None = None
 
     def measure_image(self, t_ns: int, image: npt.NDArray[Any], encoding: str = "") -> YawIncrement | None:
@@ -65,7 +65,7 @@ class YawPipeline:
     def add(self, sample: Sample) -> bool:
         """Feed a gyro or odometry sample (or an increment made elsewhere)."""
         if isinstance(sample, GyroSample):
-            self.leans.add(sample)
+            self.tilts.add(sample)
         return self.fusion.add(sample)
 
     def estimate(self, t_ns: int | None = None) -> YawEstimate | None:
@@ -93,7 +93,7 @@ class YawPipeline:
 
     def reset(self) -> None:
         """Start compass and fusion anew; no image may be measured meanwhile."""
-        self.leans.clear()
+        self.tilts.clear()
         self._log.clear()
         self._refusals.clear()
         self.compass.reset()

@@ -80,8 +80,11 @@ class CompassStream:
         self.topic = (compressed_topic if compressed else raw_topic)(topics.compass_image)
         work = surviving(node, self.topic, log, self._work)
         self._worker: NewestWorker[ImageMessage] = NewestWorker(work, "images")
-        look = surviving(node, self.topic, log, self._look)
-        self._back: NewestWorker[Comparison] = NewestWorker(look, "long baselines")  # takes longer than an image may
+        compare = surviving(node, self.topic, log, self._compare)
+        self._resets = 0
+        self._back: NewestWorker[tuple[int, Comparison]] = NewestWorker(
+            compare, "long baselines"
+        )  # takes longer than an image may
         self._publisher = node.create_publisher(Odometry, topics.compass_output_topic, 10)
         node.create_subscription(
             self._kind,
@@ -101,6 +104,7 @@ class CompassStream:
         """Start the compass anew, by `reset` if given, once the image in work is done and before the next."""
         with self._busy:
             (reset or self._compass.reset)()
+            self._resets += 1
             self._rate = CompassRate()
 
     def close(self) -> None:
@@ -136,19 +140,22 @@ class CompassStream:
             self._publish(increment)
             if self._use is not None:
                 self._use(increment)
-                look = compass.due_long_baseline()
-                if look is not None:
-                    self._back.offer(look)
+                comparison = compass.due_long_baseline()
+                if comparison is not None:
+                    self._back.offer((self._resets, comparison))
         elif compass.status is not CompassStatus.FIRST_FRAME:
             self._log(self.topic, compass.status.value)
             return
         if increment is None or self._use is None:
             self.health.use(time.monotonic(), t_ns)
 
-    def _look(self, look: Comparison) -> None:
-        increment = look()
-        if increment is not None and self._use is not None:
-            self._use(increment)
+    def _compare(self, due: tuple[int, Comparison]) -> None:
+        """Compare over a long baseline; what comes of it after a reset is of before and goes nowhere."""
+        resets, comparison = due
+        increment = comparison()
+        with self._busy:
+            if increment is not None and self._use is not None and resets == self._resets:
+                self._use(increment)
 
     def _publish(self, increment: YawIncrement) -> None:
         compass = self._compass

@@ -13,7 +13,7 @@ from rclpy.node import Node
 
 from compass import VisualCompass
 from fusion import Sensor, SensorReport, Warning, YawEstimate
-from fusion.imu.tilt import lean_angle
+from fusion.imu.tilt import tilt_angle
 from fusion.state.filter_state import FilterState
 from nodes.health import Level, StreamHealth
 from nodes.throttled_log import ThrottledLog, surviving
@@ -170,7 +170,7 @@ def state_figures(sensor: Sensor, state: FilterState) -> dict[str, str]:
         spoken = [name for name, spoke in (("pose", voice.pose), ("twist", voice.twist)) if spoke]
         return {"filled in": " and ".join(spoken) or "nothing but zeros so far"}
     up = state.trail.ups[-1] if state.trail.ups else None
-    return {"robot leans by [deg]": f"{math.degrees(lean_angle(up)):.1f}" if up else "not known"}
+    return {"robot leans by [deg]": f"{math.degrees(tilt_angle(up)):.1f}" if up else "not known"}
 
 
 def count_figures(counts: Counter[str], prefix: str) -> dict[str, str]:

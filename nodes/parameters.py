@@ -46,8 +46,8 @@ class NodeParameters:
         values = settings_values(self.settings)
         groups = tuple(groups)
         for name, (group, spec) in self._specs.items():
-            if name in given:
-                node.undeclare_parameter(name)
+            for one in {name, full_name(group, spec.formerly or spec.name)} & given.keys():
+                node.undeclare_parameter(one)
             if group in groups:
                 node.declare_parameter(name, values[name], describe(spec), ignore_override=True)
 

@@ -63,7 +63,7 @@ def test_reset_starts_compass_and_fusion_anew():
 @pytest.mark.parametrize("delay", [0.0, 0.05])
 def test_compass_asks_how_the_robot_leant_at_the_exposure_as_far_as_the_delay_is_given(delay, monkeypatch):
     pipeline, asked = YawPipeline(fusion_config=FusionConfig(camera_delay=delay)), []
-    monkeypatch.setattr(pipeline.leans, "at", asked.append)
+    monkeypatch.setattr(pipeline.tilts, "at", asked.append)
     pipeline.add_image(10 * FRAME_NS, panorama(0.0))
     assert asked == [10 * FRAME_NS - round(1e9 * delay)]
 

@@ -13,7 +13,7 @@ from compass import CompassConfig, VisualCompass, YawIncrement
 from compass.tilt import Tilted, beyond_error
 from fusion import GyroSample, OdometrySample, YawFusion
 from fusion.imu.levelling import ImuConfig, ImuLevel
-from fusion.imu.tilt import LEAN_ERROR, BiasGain, LeanLog, heading_change, heading_gain
+from fusion.imu.tilt import TILT_ERROR, BiasGain, TiltLog, heading_change, heading_gain
 from fusion.offline.summary import remarks
 from fusion.state.ekf import State
 from fusion.updates.odometry import OdometryFields
@@ -80,13 +80,13 @@ def test_variance_is_that_of_headings_from_wrong_leans(lean_deg, turn):
 
 
 def test_errors_of_roll_and_pitch_do_not_make_a_level_robot_lean():
-    assert beyond_error((0.01, -0.01, math.sqrt(1.0 - 2e-4)), LEAN_ERROR) == (0.0, 0.0, 1.0)
+    assert beyond_error((0.01, -0.01, math.sqrt(1.0 - 2e-4)), TILT_ERROR) == (0.0, 0.0, 1.0)
     rng, true = np.random.default_rng(0), np.array([math.sin(0.2), 0.0, math.cos(0.2)])
-    errors = LEAN_ERROR / math.sqrt(2.0) * rng.normal(size=(4000, 2))
-    seen = [beyond_error(tuple(Rotation.from_rotvec([*e, 0.0]).apply(true)), LEAN_ERROR) for e in errors]
+    errors = TILT_ERROR / math.sqrt(2.0) * rng.normal(size=(4000, 2))
+    seen = [beyond_error(tuple(Rotation.from_rotvec([*e, 0.0]).apply(true)), TILT_ERROR) for e in errors]
     np.testing.assert_allclose(np.linalg.norm(seen, axis=1), 1.0)
     assert np.mean([x**2 + y**2 for x, y, _ in seen]) == pytest.approx(true[0] ** 2, rel=0.01)
-    x, y, z = beyond_error((0.3, 0.2, -math.sqrt(1.0 - 0.13)), LEAN_ERROR)
+    x, y, z = beyond_error((0.3, 0.2, -math.sqrt(1.0 - 0.13)), TILT_ERROR)
     assert (x / 0.3, z < -0.9) == (pytest.approx(y / 0.2), True)
 
 
@@ -234,7 +234,7 @@ def test_user_is_told_that_the_robot_leant_or_that_a_gap_was_crossed():
 
 
 def test_log_of_leans_knows_the_last_before_in_any_order_of_arrival():
-    log, leans = LeanLog(), {t: (0.0, math.sin(t * 1e-9), math.cos(t * 1e-9)) for t in range(0, 10**9, 10**7)}
+    log, leans = TiltLog(), {t: (0.0, math.sin(t * 1e-9), math.cos(t * 1e-9)) for t in range(0, 10**9, 10**7)}
     assert log.at(0) is None
     for t in np.random.default_rng(0).permutation(list(leans)).tolist():
         log.add(GyroSample(t, 0.0, up=leans[t]))
@@ -249,7 +249,7 @@ def test_log_of_leans_knows_the_last_before_in_any_order_of_arrival():
 
 
 def test_log_of_leans_knows_how_the_robot_has_turned_since():
-    slope, log = Rotation.from_euler("y", 25.0, degrees=True), LeanLog()
+    slope, log = Rotation.from_euler("y", 25.0, degrees=True), TiltLog()
     for t in range(0, 10**9, 10**7):
         log.add(GyroSample(t, 0.8, up=up_of(slope * Rotation.from_euler("z", 0.8e-9 * t))))
     for t in (400_000_000, 405_000_000, 1_080_000_000):

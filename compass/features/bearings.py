@@ -2,6 +2,7 @@
 
 In the orthographic projection about a direction b great circles through b are straight lines: what was seen in b before
 the camera moved along t is afterwards seen on the line through b's image and t's, away from t, however far it moved.
+Epipolar geometry of panoramas: Svoboda & Pajdla 2002, doi:10.1023/A:1019869530073.
 """
 
 from __future__ import annotations

@@ -33,14 +33,14 @@ class View:
         What it shows.
     yaw, variance : float
         Sum of the increments until then, rad, and its variance, rad^2.
-    leans : Tilted
+    tilts : Tilted
         How the camera leant.
     """
 
     strip: Strip
     yaw: float
     variance: float
-    leans: Tilted
+    tilts: Tilted
 
 
 class LongBaselines:
@@ -74,7 +74,7 @@ class LongBaselines:
         reach = math.hypot(ASTRAY, DISAGREE * math.sqrt(abs(now.variance - view.variance)))
         match = follow_landmarks(view.strip, now.strip, Search(expected / per_px, reach / per_px, forward_px))
         turn, variance = match.shift_px * per_px, match.variance_px2 * per_px**2
-        yaw = view.leans.after(turn, match.tilt)[1]
+        yaw = view.tilts.after(turn, match.tilt)[1]
         refused = match.status is not CompassStatus.OK or abs(wrap_angle(yaw - expected)) > reach
         old = now.strip.t_ns - view.strip.t_ns > OLDEST_NS - config.long_baseline_interval * 1e9
         with self._moving:
@@ -82,5 +82,5 @@ class LongBaselines:
                 self._view = now
         if refused:
             return None
-        told = yaw, float(variance + view.leans.variance(turn, config.tilt_sigma)), match.confidence, turn, match.tilt
+        told = yaw, float(variance + view.tilts.variance(turn, config.tilt_sigma)), match.confidence, turn, match.tilt
         return YawIncrement(view.strip.t_ns, now.strip.t_ns, *told, long_baseline=True)

@@ -1,9 +1,9 @@
 """The turn between two views that are seconds and metres apart, by corners that both show.
 
-ORB corners tell which is which; the motion that explains their ways is found as between neighbours,
-then once more from where their surroundings are to hundredths of a pixel. Where the turn is not known, a view is
-believed to show the same place only if the corners say so far better than chance would, and if those that look alike
-say nothing else: a corridor may look the same ahead and behind.
+ORB corners (Rublee et al. 2011, doi:10.1109/ICCV.2011.6126544) tell which is which; the motion that explains their
+ways is found as between neighbours, then once more from where their surroundings are to hundredths of a pixel. Where
+the turn is not known, a view is believed to show the same place only if the corners say so far better than chance
+would, and if those that look alike say nothing else: a corridor may look the same ahead and behind.
 """
 
 from __future__ import annotations

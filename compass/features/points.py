@@ -1,4 +1,7 @@
-"""Corners of a keyframe: where they are, what surrounds them, and how well a shift of that can be told."""
+"""Corners of a keyframe: where they are, what surrounds them, and how well a shift of that can be told.
+
+Shi & Tomasi 1994, doi:10.1109/CVPR.1994.323794.
+"""
 
 from __future__ import annotations
 

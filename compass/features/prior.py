@@ -12,7 +12,7 @@ from compass.tilt import tilt_between
 
 TILT_SIGMA = math.radians(3.0)  # of the scene between two views, beside what an IMU tells
 CLIMB_SIGMA = math.radians(4.0)  # of the direction of travel against the camera's level
-LEAN_SIGMA, UNKNOWN_LEAN = 0.01, 0.045  # rad, error of how the camera leans, with an IMU and without
+TILT_NOISE, UNKNOWN_TILT = 0.01, 0.045  # rad, error of how the camera leans, with an IMU and without
 LOCK_PX = 0.012  # by which corners that all move by the same part of a column err: photographs of a city and a forest
 DISAGREE = 3.0  # deviations by which two answers to one question may differ
 FEWEST = 24  # corners that have to be found again, and to be inliers: five for each of a motion's unknowns
@@ -36,4 +36,4 @@ def tilt_error(reference: Strip, tilt: tuple[float, float]) -> float:
 
     See `compass.tilt`.
     """
-    return (UNKNOWN_LEAN if reference.up is None else LEAN_SIGMA) * math.hypot(*tilt)
+    return (UNKNOWN_TILT if reference.up is None else TILT_NOISE) * math.hypot(*tilt)

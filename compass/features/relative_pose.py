@@ -2,7 +2,7 @@
 
 What was seen in the direction b before the camera moved along t is afterwards seen on the great circle through b and t,
 further from t than before, and not behind -t. Two things give turn and t in closed form. Of many pairs that are drawn,
-the motions that most directions obey are refined.
+the motions with most inliers are refined (RANSAC: Fischler & Bolles 1981, doi:10.1145/358669.358692).
 """
 
 from __future__ import annotations

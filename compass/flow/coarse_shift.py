@@ -1,4 +1,7 @@
-"""How far the panorama has moved by and large: the highest peak of the correlation of all rows."""
+"""How far the panorama has moved by and large: the highest peak of the correlation of all rows.
+
+Off the grid as phase correlation is (Foroosh, Zerubia & Berthod 2002, doi:10.1109/83.988953).
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,8 @@
-"""The paper's method: every row finds its own shift, their average weighted by correlation is the turn."""
+"""The paper's method: every row finds its own shift, their average weighted by correlation is the turn.
+
+"Visual compass for the NIFTi robot", semester project of the course A3M33IRO, 2013,
+cw.felk.cvut.cz/doku.php/misc/projects/nifti/sw/start/visual_compass.
+"""
 
 from __future__ import annotations
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from compass.tilt import Tilted, Vector, about_z
 from fusion.samples import GyroSample
 
-LEAN_ERROR = 0.02  # rad, of roll and pitch as IMUs tell them
+TILT_ERROR = 0.02  # rad, of roll and pitch as IMUs tell them
 LATELY = 2000  # samples that are remembered, of a fast gyro those of two seconds
 NEAR_NS = 100_000_000  # for so long about a sample the robot leans as it did then
 LATEST_NS = 10_000_000  # before an image: what is younger may or may not have come, and must not decide
@@ -37,7 +37,7 @@ def heading_change(up: Vector, turn: float, tilt: tuple[float, float] = (0.0, 0.
     return heading + math.tau * round((turn - heading) / math.tau)
 
 
-def lean_angle(up: Vector) -> float:
+def tilt_angle(up: Vector) -> float:
     """How far from upright, rad."""
     return math.atan2(math.hypot(up[0], up[1]), up[2])
 
@@ -71,7 +71,7 @@ def up_later(up: Vector, rate: float, seconds: float) -> Vector:
     return about_z(up, -rate * seconds)
 
 
-class LeanLog:
+class TiltLog:
     """How the robot leant lately, written by one thread and read by another."""
 
     def __init__(self) -> None:

@@ -53,7 +53,7 @@ class GyroTrack:
         return GyroTrack(self.t_ns[:n], self.yaw_rate[:n], self.up[:n], self.cross_rate[:n], self.variance[:n])
 
     def up_at(self, t_ns: int) -> Vector | None:
-        """The vertical in the robot's frame at a stamp, ns, as `LeanLog` knows it then."""
+        """The vertical in the robot's frame at a stamp, ns, as `TiltLog` knows it then."""
         before = int(np.searchsorted(self.t_ns, t_ns - LATEST_NS, side="right")) - 1
         if before < 0 or int(self.t_ns[before]) < t_ns - LATEST_NS - NEAR_NS:
             return None

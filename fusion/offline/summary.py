@@ -10,7 +10,7 @@ import numpy as np
 
 from compass import CompassStatus
 from fusion.buffer.events import Sensor
-from fusion.imu.tilt import lean_angle
+from fusion.imu.tilt import tilt_angle
 from fusion.offline.console import table
 from fusion.offline.recording import BagRecording
 from fusion.offline.run import FusedRun
@@ -118,10 +118,10 @@ def yaw_table(summary: dict[str, Any]) -> str:
 
 def remarks(summary: dict[str, Any]) -> list[str]:
     """What was found out that the user may not know: one sentence each."""
-    return [remark for remark in (_delay_remark(summary), _lean_remark(summary), _gap_remark(summary)) if remark]
+    return [remark for remark in (_delay_remark(summary), _tilt_remark(summary), _gap_remark(summary)) if remark]
 
 
-def _lean_remark(summary: dict[str, Any]) -> str | None:
+def _tilt_remark(summary: dict[str, Any]) -> str | None:
     lean = summary["greatest_lean_deg"]
     if lean is None or lean < SMALL_LEAN:
         return None
@@ -146,7 +146,7 @@ def _delay_remark(summary: dict[str, Any]) -> str | None:
 def _greatest_lean_deg(gyro: GyroTrack) -> float | None:
     """How far the robot leant at most; None where that is never known."""
     known = gyro.up[np.isfinite(gyro.up[:, 0])]
-    return max((math.degrees(lean_angle(tuple(up))) for up in known.tolist()), default=None)
+    return max((math.degrees(tilt_angle(tuple(up))) for up in known.tolist()), default=None)
 
 
 def _deg(angle: float) -> float | None:

@@ -13,7 +13,7 @@ from fusion.buffer.events import GyroEvent, Sensor
 from fusion.checks.gate import Gate, Verdict
 from fusion.checks.windows import FASTEST, SILENT_NS
 from fusion.config import FusionConfig
-from fusion.imu.tilt import LEAN_ERROR, BiasGain
+from fusion.imu.tilt import TILT_ERROR, BiasGain
 from fusion.samples import GyroSample
 from fusion.state.bounds import LONGEST_STEP
 from fusion.state.ekf import DIM, TURNING_BLOCK, Measurement, State, YawEkf
@@ -47,7 +47,7 @@ class GyroUpdate:
         if refused.report is None or event.t_ns - refused.report.t_ns > SILENT_NS:
             state.gyro_since_ns = event.t_ns
         if sample.up:
-            sample = replace(sample, up=beyond_error(sample.up, LEAN_ERROR))
+            sample = replace(sample, up=beyond_error(sample.up, TILT_ERROR))
         gain = BiasGain.leaning(sample.up) if sample.up else state.bias_gain
         if gain.differs(state.bias_gain):
             turn_bias(state.ekf, state.bias_gain, gain)

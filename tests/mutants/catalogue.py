@@ -482,8 +482,8 @@ MUTANTS = (
     Mutant(
         "lean-asked-at-the-stamp",
         "fusion/pipeline.py",
-        "self.leans.at(t_ns - known_ns)",
-        "self.leans.at(t_ns)",
+        "self.tilts.at(t_ns - known_ns)",
+        "self.tilts.at(t_ns)",
         _tests("test_pipeline"),
     ),
     Mutant(
