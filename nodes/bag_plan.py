@@ -61,7 +61,7 @@ class BagPlan:
 
 
 def plan_bag(given: Mapping[str, str], parameters: str) -> BagPlan:
-    """Comparison into the bag and check the arguments.
+    """Look into the bag and check the arguments.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The turn from a view some seconds ago, by its corners: right to a hundredth of a degree, whatever was driven past."""
+"""Long baselines: the turn since a view some seconds ago, by the corners that both show."""
 
 from __future__ import annotations
 
@@ -19,13 +19,15 @@ from compass.tilt import Tilted
 
 Comparison = Callable[[], YawIncrement | None]
 OLDEST_NS = 4_000_000_000  # no further back
-BLURRED = math.radians(0.012)  # nor to a view that left the turn since then known no better
-ASTRAY = math.radians(0.15)  # from what the increments say; corners may obey a wrong motion
+# rad, deviation of an increment above which the view is given up for a newer one
+BLURRED = math.radians(0.012)
+# rad, beyond which it contradicts the increments between; wrong minima of narrow passages are 0.9 to 1.6 deg off
+ASTRAY = math.radians(0.15)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class View:
-    """An image to look back at.
+    """A view that a later one may be compared with.
 
     Attributes
     ----------
@@ -34,7 +36,7 @@ class View:
     yaw, variance : float
         Sum of the increments until then, rad, and its variance, rad^2.
     tilts : Tilted
-        How the camera leant.
+        Tilt of the camera.
     """
 
     strip: Strip
@@ -52,7 +54,7 @@ class LongBaselines:
         self._moving = threading.Lock()  # a comparison may end in another thread
 
     def start_from(self, view: View | None, t_ns: int) -> None:
-        """Comparison back at this view from now on, or, where it shows nothing, at the next one."""
+        """Make this view the other end of the baselines from now on; where there is none, the next one."""
         with self._moving:
             self._view, self._last_ns = view, t_ns
 
@@ -65,9 +67,9 @@ class LongBaselines:
         if view is None:
             self.start_from(now, t_ns)
             return None
-        return partial(self._look, view, now, config)
+        return partial(self._compare, view, now, config)
 
-    def _look(self, view: View, now: View, config: CompassConfig) -> YawIncrement | None:
+    def _compare(self, view: View, now: View, config: CompassConfig) -> YawIncrement | None:
         """Turn from one view to the other, if the latter still shows enough of the former."""
         per_px, forward_px = math.tau / now.strip.columns, config.forward_column * now.strip.columns
         expected = now.yaw - view.yaw
@@ -82,5 +84,5 @@ class LongBaselines:
                 self._view = now
         if refused:
             return None
-        told = yaw, float(variance + view.tilts.variance(turn, config.tilt_sigma)), match.confidence, turn, match.tilt
-        return YawIncrement(view.strip.t_ns, now.strip.t_ns, *told, long_baseline=True)
+        found = yaw, float(variance + view.tilts.variance(turn, config.tilt_sigma)), match.confidence, turn, match.tilt
+        return YawIncrement(view.strip.t_ns, now.strip.t_ns, *found, long_baseline=True)

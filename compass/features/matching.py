@@ -34,14 +34,14 @@ from compass.methods.match import Match, Search
 Indices = npt.NDArray[np.intp]
 
 CORNERS, EDGE, LEVELS = 1000, 15, 5  # of ORB: half a patch from the edge suffices, larger corners err
-SMALLEST = 32  # rows and columns: a corner's surroundings
+SMALLEST = 32  # rows and columns: the patch of an ORB descriptor is 31
 RATIO = 0.8  # of the distance to the second nearest descriptor (Lowe 2004); nearer ones are no match
 ORB_PX = 1.0  # deviation of a corner as ORB has it, but for a factor that the corners tell
 WIDER = 8.0  # times as far as between neighbours do corners move in some seconds: parallaxes, outliers, first rounds
 ASTRAY_PX = 4.0  # from where it was; no corner is aligned over more
 EVIDENCE = 80.0  # nats by which the matches must surpass chance; unrelated pairs, 1,000 of them, reach 40
 RIVALS = 600  # pairs that look alike, but do not move as found, among which another answer is looked for
-RIVALRY = 100.0  # nats for that which are too many; so is
+RIVALRY = 100.0  # nats for that which are too many: up to 54 in six places, 127 on in a symmetric corridor; so is
 RELATIVE = 0.5  # so much of the first answer's
 # rad, a deviation beyond which it is no answer: without it 4 deg off at a claimed half in one of 15 pairs in fog
 VAGUE = math.radians(3.0)
@@ -220,7 +220,7 @@ def _sharpened(views: Views, pairs: Indices, rough: Fit, mean: Floats, yaw_sigma
 
 
 def _rivalled(alike: Corners, motion: Motion, nats: float) -> bool:
-    """Whether corners that look alike but do not obey the motion obey another one."""
+    """Whether corners that look alike but are outliers of the motion are inliers of another one."""
     seen, again = alike.tangents.ahead.T, alike.seen.T
     left = np.flatnonzero(misses(motion.states, seen, again)[0] > NEAR**2)[:RIVALS]
     if left.size < FEWEST:

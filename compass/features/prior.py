@@ -10,9 +10,9 @@ from compass.features.points import Floats
 from compass.images.strip import Strip
 from compass.tilt import tilt_between
 
-TILT_SIGMA = math.radians(3.0)  # of the scene between two views, beside what an IMU tells
+SCENE_TILT_SIGMA = math.radians(3.0)  # of the scene between two views, beside what an IMU tells
 CLIMB_SIGMA = math.radians(4.0)  # of the direction of travel against the camera's level
-TILT_NOISE, UNKNOWN_TILT = 0.01, 0.045  # rad, error of how the camera leans, with an IMU and without
+TILT_NOISE, UNKNOWN_TILT = 0.01, 0.045  # rad, error of the tilt in what it does to a yaw, with an IMU and without
 LOCK_PX = 0.012  # by which corners that all move by the same part of a column err: photographs of a city and a forest
 DISAGREE = 3.0  # deviations by which two answers to one question may differ
 FEWEST = 24  # corners that have to be found again, and to be inliers: five for each of a motion's unknowns
@@ -21,7 +21,7 @@ LEVEL = (0.0, 0.0)  # no tilt
 
 def precision_of(yaw_sigma: float = math.inf) -> Floats:
     """(5,) precisions of yaw, whose deviation is given, tilt about x and y, direction of travel, and climb; rad^-2."""
-    return np.array([yaw_sigma**-2, TILT_SIGMA**-2, TILT_SIGMA**-2, 0.0, CLIMB_SIGMA**-2])
+    return np.array([yaw_sigma**-2, SCENE_TILT_SIGMA**-2, SCENE_TILT_SIGMA**-2, 0.0, CLIMB_SIGMA**-2])
 
 
 def told_tilt(reference: Strip, current: Strip, turn: float) -> tuple[float, float]:
@@ -32,7 +32,7 @@ def told_tilt(reference: Strip, current: Strip, turn: float) -> tuple[float, flo
 
 
 def tilt_error(reference: Strip, tilt: tuple[float, float]) -> float:
-    """Standard deviation of a yaw, rad, from what a tilt has to do with it: that depends on how the camera leans.
+    """Standard deviation of a yaw, rad, from what a tilt has to do with it: that depends on the tilt.
 
     See `compass.tilt`.
     """

@@ -119,7 +119,7 @@ def calibrate_bag(path: Path, settings: Settings, request: TopicRequest, out: Pa
 
 
 def gather(recording: BagRecording, shown: YawTrack) -> Evidence:
-    """Comparison through all frames once and keep those that tell something; `shown` is the yaw by their stamps."""
+    """Look through all frames once and keep those that tell something; `shown` is the yaw by their stamps."""
     evidence, last, kept_yaw = Evidence(), None, math.inf
     for frame in recording.frames():
         yaw = float(yaw_at(shown, np.array([frame.t_ns]))[0])
