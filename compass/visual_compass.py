@@ -138,7 +138,7 @@ class VisualCompass:
 
     @property
     def lost_turns(self) -> list[LostTurn]:
-        """When the camera may have turned without an image that tells by how much; `yaw` misses that."""
+        """When the camera may have turned without an image that shows by how much; `yaw` misses that."""
         return self._lost_turns.all
 
     def _update(self, t_ns: int, image: Image, encoding: str) -> YawIncrement | None:
@@ -179,8 +179,8 @@ class VisualCompass:
             None where it is not due (`long_baseline_interval`), the last image gave no increment, or too little of the
             view is left.
         """
-        look = self.due_long_baseline()
-        return look() if look else None
+        comparison = self.due_long_baseline()
+        return comparison() if comparison else None
 
     def due_long_baseline(self) -> Comparison | None:
         """What `long_baseline` would do now, if it is due; it may be called in another thread while images go on."""
@@ -276,7 +276,7 @@ class VisualCompass:
         self._keyframe_tilt = self._tilt
 
     def _tilt_of(self, strip: Strip) -> Tilted | None:
-        """How the camera leant, where that is known."""
+        """Tilt of the camera, where an IMU measures it."""
         return None if strip.up is None else Tilted.upright(beyond_error(strip.up, self.config.tilt_sigma))
 
     def _judge_match(self, match: Match) -> CompassStatus:
@@ -310,7 +310,7 @@ class VisualCompass:
         return self._last_increment
 
     def _repeat(self, keyframe: Strip, strip: Strip) -> YawIncrement | None:
-        """What an exact copy of the image before tells: the turn until that was taken, nothing of the time since.
+        """The increment of an exact copy of the image before: the turn until that was taken, nothing of the time since.
 
         A driver that sends each frame twice and a camera that hangs look alike at first. Neither measured that there
         was no turn; it lies within what `max_yaw_rate` allows, and the copy's variance says so. The image itself, at
@@ -320,8 +320,8 @@ class VisualCompass:
             self.status = CompassStatus.FROZEN  # what it repeats gave no increment
             return None
         unseen = (self.config.max_yaw_rate * (strip.t_ns - self._last.t_ns) * 1e-9) ** 2 / 3.0
-        told = self._last_increment
-        if told is None or keyframe is self._last:
-            told = YawIncrement(keyframe.t_ns, strip.t_ns, 0.0, 0.0, 1.0, 0.0)
+        copied = self._last_increment
+        if copied is None or keyframe is self._last:
+            copied = YawIncrement(keyframe.t_ns, strip.t_ns, 0.0, 0.0, 1.0, 0.0)
         self.yaw_variance = self._last_variance + unseen
-        return replace(told, t_ns=strip.t_ns, variance=told.variance + unseen)
+        return replace(copied, t_ns=strip.t_ns, variance=copied.variance + unseen)

@@ -1,9 +1,9 @@
 """The turn between two views that are seconds and metres apart, by corners that both show.
 
-ORB corners (Rublee et al. 2011, doi:10.1109/ICCV.2011.6126544) tell which is which; the motion that explains their
-ways is found as between neighbours, then once more from where their surroundings are to hundredths of a pixel. Where
-the turn is not known, a view is believed to show the same place only if the corners say so far better than chance
-would, and if those that look alike say nothing else: a corridor may look the same ahead and behind.
+ORB corners (Rublee et al. 2011, doi:10.1109/ICCV.2011.6126544) are matched; the motion that explains their ways is
+found as between neighbours, then once more from where their surroundings are to hundredths of a pixel. Where the turn
+is not known, a view is taken for the same place only if its inliers are far more than chance gives, and if those that
+look alike support no other motion: a corridor may look the same ahead and behind.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ import numpy.typing as npt
 
 from compass.angles import wrap_angle
 from compass.features.bearings import Projection, Tangents
-from compass.features.motion import DIRECTIONS, FIRST_PX, NEXT_PX, doubt, yaw_variance
+from compass.features.motion import DIRECTIONS, FIRST_PX, NEXT_PX, ambiguity, yaw_variance
 from compass.features.padded_strip import MARGIN, Picture
 from compass.features.patch_alignment import align
 from compass.features.points import sectors_of
-from compass.features.prior import DISAGREE, FEWEST, LOCK_PX, precision_of, tilt_error, told_tilt
+from compass.features.prior import DISAGREE, FEWEST, LOCK_PX, imu_tilt, precision_of, tilt_error
 from compass.features.relative_pose import NEAR, Motion, evidence, find_motion, misses
 from compass.features.solver import DIRECTION, ROTATION, YAW, Fit, Problem, Start, ascend, even_shares
 from compass.features.tracking import ALIKE
@@ -36,7 +36,7 @@ Indices = npt.NDArray[np.intp]
 CORNERS, EDGE, LEVELS = 1000, 15, 5  # of ORB: half a patch from the edge suffices, larger corners err
 SMALLEST = 32  # rows and columns: the patch of an ORB descriptor is 31
 RATIO = 0.8  # of the distance to the second nearest descriptor (Lowe 2004); nearer ones are no match
-ORB_PX = 1.0  # deviation of a corner as ORB has it, but for a factor that the corners tell
+ORB_PX = 1.0  # deviation of a corner as ORB has it, but for a factor that is estimated from the corners
 WIDER = 8.0  # times as far as between neighbours do corners move in some seconds: parallaxes, outliers, first rounds
 ASTRAY_PX = 4.0  # from where it was; no corner is aligned over more
 EVIDENCE = 80.0  # nats by which the matches must surpass chance; unrelated pairs, 1,000 of them, reach 40
@@ -81,9 +81,9 @@ class Views:
         return Views(landmarks_of(reference), landmarks_of(current), Projection.of(reference, search.forward_px))
 
     def expected(self, turn: float) -> Floats:
-        """(5,) the motion that is expected with a turn, rad: tilted as an IMU tells."""
+        """(5,) the motion that is expected with a turn, rad: tilted as an IMU measures it."""
         before, after = self.before.picture.strip, self.after.picture.strip
-        return np.array([turn, *told_tilt(before, after, turn), 0.0, 0.0])
+        return np.array([turn, *imu_tilt(before, after, turn), 0.0, 0.0])
 
     def matched(self, pairs: Indices) -> Corners:
         """Corners, (n, 2) pairs of indices, where ORB has them."""
@@ -192,7 +192,7 @@ def match_landmarks(reference: Strip, current: Strip, search: Search) -> Match:
     if match is None:
         return NOTHING
     per_px = views.projection.per_column
-    variance = match.variance_px2 + motion.doubt / per_px**2
+    variance = match.variance_px2 + motion.ambiguity / per_px**2
     off = wrap_angle(match.shift_px * per_px - motion.turn)
     if off**2 > DISAGREE**2 * (motion.variance + variance * per_px**2):  # another motion explains them as well
         return NOTHING
@@ -211,7 +211,7 @@ def _sharpened(views: Views, pairs: Indices, rough: Fit, mean: Floats, yaw_sigma
     start = trials.only(trials.best)
     for _ in range(2):  # linear about the last state; what was expected has chosen, and says no more
         start = fit = ascend(corners.problem(start.states[0], mean), start, NEXT_PX * px)
-    fit.doubt = doubt(trials.states[:, YAW], trials.log_posterior, fit)
+    fit.ambiguity = ambiguity(trials.states[:, YAW], trials.log_posterior, fit)
     yaw, tilt_x, tilt_y = fit.states[0, ROTATION].tolist()
     strip = views.before.picture.strip
     variance = yaw_variance(fit, sectors_of(corners.at, strip.columns), True)
@@ -231,7 +231,7 @@ def _rivalled(alike: Corners, motion: Motion, nats: float) -> bool:
 
 @lru_cache(maxsize=2)
 def landmarks_of(strip: Strip) -> Landmarks:
-    """Corners of the world in a strip that can be told apart."""
+    """Corners of the world in a strip, with descriptors."""
     picture = Picture(strip)
     nothing = Landmarks(picture, np.empty((0, 2)), np.empty((0, 32), np.uint8))
     if min(strip.pixels.shape) < SMALLEST:

@@ -19,7 +19,7 @@ _WINDOW /= _WINDOW.sum()
 ROUNDS = 8
 FURTHEST = 1.0  # pixels that a patch moves in one round
 STRONGEST = 0.2  # by which it is stretched in one
-FLAT = 1e-3  # grey values of 255; keeps what cannot be told at its start
+FLAT = 1e-3  # grey values of 255; keeps what is unobservable at its start
 
 
 def align(before: Pixels, after: Pixels, at: Floats, start: Floats) -> tuple[Floats, Floats, Floats]:

@@ -1,4 +1,4 @@
-"""Corners of a keyframe: where they are, what surrounds them, and how well a shift of that can be told.
+"""Corners of a keyframe: where they are, the patches around them, and how well these show a shift.
 
 Shi & Tomasi 1994, doi:10.1109/CVPR.1994.323794.
 """
@@ -40,7 +40,7 @@ class Patches:
     covariance : (n, 3) array
         Of that, for a noise of one grey value in weighted means: right-right, right-down, down-down, pixels^2.
     centre : (n, 2) array
-        Where, from the middle, the texture is that tells the shift, pixels: a patch that grows moves as that does.
+        Where, from the middle, the texture is that shows the shift, pixels: a patch that grows moves as that does.
     """
 
     at: Pixels

@@ -1,8 +1,8 @@
-"""How a camera on the ground moved between two views, from directions in which it saw the same things.
+"""Relative pose of a camera on the ground between two views, by RANSAC over bearings of the same points in both.
 
-What was seen in the direction b before the camera moved along t is afterwards seen on the great circle through b and t,
-further from t than before, and not behind -t. Two things give turn and t in closed form. Of many pairs that are drawn,
-the motions with most inliers are refined (RANSAC: Fischler & Bolles 1981, doi:10.1145/358669.358692).
+Epipolar constraint: a bearing b before the camera moved along t is afterwards on the great circle through b and t,
+further from t than before (positive depth), and not behind -t. Two points give turn and t in closed form. Of many pairs
+that are drawn, the motions with most inliers are refined (Fischler & Bolles 1981, doi:10.1145/358669.358692).
 """
 
 from __future__ import annotations
@@ -15,23 +15,23 @@ import numpy as np
 from compass.angles import wrap_angle
 from compass.flow.correlation import Floats
 
-DRAWS = 150  # pairs of directions; each gives two turns, and travel ahead or back
-COUNTED = 200  # directions that judge what was drawn
-ROUGH = np.deg2rad(4.0)  # by which one may miss a motion that was drawn: the camera may lean otherwise than before
+DRAWS = 150  # pairs of bearings; each gives two turns, and travel ahead or back
+COUNTED = 200  # bearings that judge what was drawn
+ROUGH = np.deg2rad(4.0)  # inlier threshold of a motion that was drawn: roll and pitch are not estimated yet
 STARTS = 6  # best motions that are refined, with turns so far apart from each other and from what was found:
 APART = np.deg2rad(4.0)
 RIVAL = np.deg2rad(45.0)  # a turn so far away is another answer
-WIDTHS = np.deg2rad([6.0, 3.0, 1.5, 0.75])  # of what counts while a motion is refined
+WIDTHS = np.deg2rad([6.0, 3.0, 1.5, 0.75])  # scales of the robust weights while a motion is refined
 ROUNDS = 8  # at most, at each width
 STEP = 1e-4  # rad, of numerical derivatives; a smaller change of the turn ends a width
 PRIORS = np.deg2rad([1e3, 1e3, 6.0, 6.0, 6.0])  # deviations of turn, direction, tilt about x and y, climb
 UNTILT = np.array([[0, 0, 0, 0, 0, 1, 0, -1, 0], [0, 0, -1, 0, 0, 0, 1, 0, 0.0]])  # rotations by -1 about x and y
-NEAR = np.deg2rad(1.0)  # by which a direction may miss the refined motion
+NEAR = np.deg2rad(1.0)  # inlier threshold of the refined motion
 SHUFFLES = 8  # of the partners, to know what chance gives
-INDEPENDENT = 0.25  # share of those that obey: neighbours err together
-FLOOR = np.deg2rad(0.06)  # error that no number of directions averages out
-CLOSEST = 1e-8  # rad^2 by which they miss on average, at least; else nothing is left of `PRIORS`
-LEANING = 4.0  # error of the turn per tilt or climb and share of the directions that do not obey
+INDEPENDENT = 0.25  # share of the inliers: neighbours err together
+FLOOR = np.deg2rad(0.06)  # error that no number of bearings averages out
+CLOSEST = 1e-8  # rad^2, mean squared residual at least; else nothing is left of `PRIORS`
+LEANING = 4.0  # error of the turn per tilt or climb and share of outliers
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,16 +45,16 @@ class Motion:
         rad.
     variance : float
         Of the turn, rad^2.
-    obeyed : float
-        How many directions obey it, the better the more each counts.
-    doubt : float
+    support : float
+        Number of inliers, each weighted by how small its residual is.
+    ambiguity : float
         What of that variance allows for its being another motion, rad^2.
     """
 
     states: Floats
     variance: float
-    obeyed: float
-    doubt: float = 0.0
+    support: float
+    ambiguity: float = 0.0
 
     @property
     def turn(self) -> float:
@@ -63,12 +63,12 @@ class Motion:
 
 
 def find_motion(seen: Floats, again: Floats, besides: float | None = None) -> Motion:
-    """The motion that most directions obey.
+    """The motion with most inliers.
 
     Parameters
     ----------
     seen, again : (n, 3) arrays
-        Unit vectors towards the same things, before and after, some of them mistaken; x ahead, y left, z up.
+        Bearings of the same points before and after, unit vectors, outliers among them; x ahead, y left, z up.
     besides : float, optional
         A turn, rad, to keep `RIVAL` away from.
     """
@@ -85,20 +85,20 @@ def find_motion(seen: Floats, again: Floats, besides: float | None = None) -> Mo
         tried.append(_refined(start, seen_some, again_some))
         for turn in start[0], tried[-1].turn:
             support[np.cos(drawn[:, 0] - turn) > np.cos(APART)] = -1.0
-    likeliest = max(tried, key=attrgetter("obeyed"))
-    doubt = max(_doubt(likeliest, other) for other in tried)
+    likeliest = max(tried, key=attrgetter("support"))
+    ambiguity = max(_ambiguity(likeliest, other) for other in tried)
     best = _refined(likeliest.states[0], seen, again)
-    return replace(best, variance=best.variance + doubt, doubt=doubt)
+    return replace(best, variance=best.variance + ambiguity, ambiguity=ambiguity)
 
 
-def _doubt(best: Motion, other: Motion) -> float:
-    """Variance of a turn that, as the odds of what obeys them are, could be another one, rad^2."""
-    odds = np.exp(INDEPENDENT * (other.obeyed - best.obeyed))
+def _ambiguity(best: Motion, other: Motion) -> float:
+    """Variance of a turn that could be another one, at the odds that their inliers give, rad^2."""
+    odds = np.exp(INDEPENDENT * (other.support - best.support))
     return float(odds / (1.0 + odds) * wrap_angle(other.turn - best.turn) ** 2)
 
 
 def _drawn(seen: Floats, again: Floats) -> Floats:
-    """(4 * DRAWS, 5) level motions, each obeyed by two directions: what their circles' planes have in common is t."""
+    """(4 * DRAWS, 5) level motions, each through two bearings: t is the line that their epipolar planes share."""
     i, j = np.random.default_rng(0).integers(len(seen), size=(2, DRAWS))
     a, b = (np.arctan2(one[:, 1], one[:, 0]) for one in (seen, again))
     e, f = (one[:, 2] / np.hypot(one[:, 0], one[:, 1]) for one in (seen, again))
@@ -115,7 +115,7 @@ def _drawn(seen: Floats, again: Floats) -> Floats:
 
 
 def _angles_missed(motions: Floats, seen: Floats, again: Floats) -> Floats:
-    """(3, motions, n) angles by which directions leave their circle, come nearer to t, or pass behind -t, rad."""
+    """(3, motions, n) angles by which bearings leave their circle, come nearer to t, or pass behind -t, rad."""
     turn, direction, climb = motions[:, 0], motions[:, 1], motions[:, 4]
     about_z = np.zeros((len(motions), 3, 3))
     about_z[:, 0, 0] = about_z[:, 1, 1] = np.cos(turn)
@@ -135,12 +135,12 @@ def _angles_missed(motions: Floats, seen: Floats, again: Floats) -> Floats:
 
 
 def misses(motions: Floats, seen: Floats, again: Floats) -> Floats:
-    """(motions, n) squared angles by which directions miss motions, (motions, 5) as in `Motion`; rad^2."""
+    """(motions, n) squared residuals of bearings for motions, (motions, 5) as in `Motion`; rad^2."""
     return np.asarray(np.square(_angles_missed(motions, seen, again)).sum(axis=0))
 
 
 def _refined(states: Floats, seen: Floats, again: Floats) -> Motion:
-    """The motion near `states`, (5,), that the directions near it obey best: Gauss-Newton, each time more narrowly."""
+    """The motion near `states`, (5,), by robust Gauss-Newton: Geman-McClure weights, each time narrower."""
     trials = STEP * np.concatenate([np.zeros((1, 5)), np.eye(5), -np.eye(5)])
     for width in WIDTHS:
         for _ in range(ROUNDS):
@@ -157,18 +157,18 @@ def _refined(states: Floats, seen: Floats, again: Floats) -> Motion:
                 break
     known = scatter * np.linalg.inv(precision)[0, 0] / INDEPENDENT
     missed = misses(states[None], seen, again)
-    astray = float(np.mean(missed > NEAR**2))
-    variance = float(known + FLOOR**2 + (LEANING * astray) ** 2 * (states[2:] @ states[2:]))
+    outliers = float(np.mean(missed > NEAR**2))
+    variance = float(known + FLOOR**2 + (LEANING * outliers) ** 2 * (states[2:] @ states[2:]))
     return Motion(states[None], variance, float(np.maximum(1.0 - missed / NEAR**2, 0.0).sum()))
 
 
 def evidence(motion: Motion, seen: Floats, again: Floats) -> float:
-    """Nats by which more directions obey a motion than shuffled ones do: a binomial's large deviation."""
+    """Nats by which a motion has more inliers than among shuffled pairs: a binomial's large deviation."""
     rng, count = np.random.default_rng(1), len(seen)
     partners = np.concatenate([rng.permutation(count) for _ in range(SHUFFLES)])
     shuffled = misses(motion.states, np.tile(seen, (SHUFFLES, 1)), again[partners]) < NEAR**2
-    obeying = int(np.count_nonzero(misses(motion.states, seen, again) < NEAR**2))
-    chance, share = (float(shuffled.sum()) / SHUFFLES + 0.5) / (count + 1.0), min(obeying / count, 1.0 - 1e-9)
+    inliers = int(np.count_nonzero(misses(motion.states, seen, again) < NEAR**2))
+    chance, share = (float(shuffled.sum()) / SHUFFLES + 0.5) / (count + 1.0), min(inliers / count, 1.0 - 1e-9)
     if share <= chance:
         return 0.0
     nats = share * np.log(share / chance) + (1.0 - share) * np.log((1.0 - share) / (1.0 - chance))

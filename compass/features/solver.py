@@ -2,8 +2,8 @@
 
 What a corner has moved by, once the rotation is undone, is split along and across its epipolar line. Across it there is
 noise; along it noise and a parallax that is never negative (see `density`); or the corner is an outlier. Noise is
-Student's t: each corner's own scale is told by its residual across, where no prior touches it, and so is the scale that
-all share. Which component a corner belongs to, and both scales, are the hidden variables of the EM algorithm (Dempster,
+Student's t: each corner's own scale follows from its residual across, where no prior touches it, and so does the scale
+that all share. Component and both scales of a corner are the hidden variables of the EM algorithm (Dempster,
 Laird & Rubin 1977; for the t, Lange, Little & Taylor 1989, doi:10.1080/01621459.1989.10478852).
 """
 
@@ -27,7 +27,7 @@ SPREAD_PX = 20.0  # to either side, over which outliers lie evenly
 PSEUDO_COUNT = 1.0  # corners of each component beforehand: a flat Dirichlet prior
 STEP = np.array([0.05, 0.03, 0.03, 0.6, 0.1])  # rad, longest of each of the state in one round
 LEAST_PX = 1e-6  # standard deviation of a corner where two images are the same to the last bit: no division by zero
-ROUNDING = 1e-3  # rad^-2, keeps what nothing tells from being singular
+ROUNDING = 1e-3  # rad^-2, keeps the precision of what is unobservable from being singular
 AHEAD = 0.02  # sine of the angle from the travel below which a corner's epipolar line is not known
 
 
@@ -124,8 +124,8 @@ class Fit(Start):
         Residuals to the left and up, rad.
     along, sigma : (k, n) arrays
         Residuals along the epipolar lines, and their noise's standard deviations, rad.
-    doubt : float
-        Variance of the yaw that other motions leave, rad^2.
+    ambiguity : float
+        Variance of the yaw for its being another motion, rad^2.
     """
 
     log_posterior: Floats
@@ -135,7 +135,7 @@ class Fit(Start):
     off: Complexes
     along: Floats
     sigma: Floats
-    doubt: float = 0.0
+    ambiguity: float = 0.0
 
     @property
     def best(self) -> int:
@@ -157,7 +157,7 @@ def ascend(problem: Problem, start: Start, extra: Floats, pushed: bool = True) -
     start : Start
         States, shares and noise to begin with.
     extra : (rounds,) array
-        Deviation that is added to the noise in each round, rad: wide at first, so that a far start is not lost.
+        Deviation that is added to the noise in each round, rad: wide at first, so that a distant start is not lost.
     pushed : bool
         Whether there are parallaxes; else direction of travel and climb stay as they are, and `shares` are those of
         no parallax and of outliers.

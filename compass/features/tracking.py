@@ -116,6 +116,6 @@ def _aligned(patches: Patches, index: Index, now: Picture, at: Pixels) -> tuple[
     seen -= values
     x, y = moved = np.clip((patches.answer[index] @ seen[..., None])[..., 0], -FARTHEST, FARTHEST).T
     right, mixed, down = patches.covariance[index].T
-    told = (down * x * x - 2.0 * mixed * x * y + right * y * y) / (right * down - mixed * mixed)
-    left = np.maximum(contrast**2 * (1.0 - likeness * np.abs(likeness)) - told, 1e-5 * contrast**2)
+    explained = (down * x * x - 2.0 * mixed * x * y + right * y * y) / (right * down - mixed * mixed)
+    left = np.maximum(contrast**2 * (1.0 - likeness * np.abs(likeness)) - explained, 1e-5 * contrast**2)
     return at - moved.T, left

@@ -62,9 +62,9 @@ def match_sectors(reference: Strip, current: Strip, search: Search) -> Match:
 
 
 def match_small(reference: Strip, current: Strip, search: Search) -> Match:
-    """The same of images that are too small for corners, or have none; it tells how far the sectors have moved apart.
+    """The same of images that are too small for corners, or have none, with how far the sectors have moved apart.
 
-    So a keyframe lasts while the camera only turns; where sectors agree on that, all rows pooled tell it best.
+    So a keyframe lasts while the camera only turns; where sectors agree on that, all rows pooled measure it best.
     """
     median = match_sectors(reference, current, search)
     sectors = local_shifts(reference, current, round(median.shift_px))

@@ -209,9 +209,9 @@ MUTANTS = (
     Mutant(
         "places-beyond-half-believed",
         "compass/features/relative_pose.py",
-        "best.variance + doubt, doubt=doubt",
-        "best.variance, doubt=0.0",
-        _tests("test_compass_gap::test_turn_that_could_as_well_be_another_one_is_doubted"),
+        "best.variance + ambiguity, ambiguity=ambiguity",
+        "best.variance, ambiguity=0.0",
+        _tests("test_compass_gap::test_turn_that_could_as_well_be_another_one_is_ambiguous"),
     ),
     # ------------------------------------------------------------ compass
     Mutant(
@@ -252,7 +252,7 @@ MUTANTS = (
     Mutant(
         "heading-of-a-level-camera",
         "compass/tilt.py",
-        "heading = math.atan2(leant[1, 0], leant[0, 0])",
+        "heading = math.atan2(rotation[1, 0], rotation[0, 0])",
         "heading = turn",
         _tests("test_compass_attitude"),
     ),
