@@ -15,8 +15,8 @@ import numpy.typing as npt
 
 Vector = tuple[float, float, float]
 
-STEEPEST = 0.3  # cosine of the pitch; steeper, and the heading is that of nothing
-LEVELS_S = 5.0  # in which a tilt that is not confirmed is forgotten: it is summed up from image to image
+STEEPEST_COSINE = 0.3  # cosine of the pitch; steeper, and the heading is that of nothing
+LEVELS_S = 5.0  # in which a tilt that is not confirmed is forgotten: it is summed up from image to image; not derived
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +35,7 @@ class Tilted:
     def upright(up: Vector) -> Tilted:
         """Of a camera in whose frame `up`, a unit vector, is the vertical; level where it looks straight up or down."""
         level = math.sqrt(max(1.0 - up[0] ** 2, 0.0))
-        if level < STEEPEST:
+        if level < STEEPEST_COSINE:
             return Tilted()
         ahead = np.array([1.0 - up[0] ** 2, -up[0] * up[1], -up[0] * up[2]]) / level
         return Tilted(np.array([ahead, np.cross(up, ahead), up]))

@@ -9,13 +9,13 @@ import numpy as np
 
 from compass.features.bearings import Index
 from compass.features.points import SECTORS, Floats
+from compass.features.prior import INDEPENDENT
 from compass.features.solver import CLIMB, DIRECTION, YAW, Fit, Problem, Start, ascend, even_shares
 
 DIRECTIONS = 6  # of travel that are tried where none is known: a basin of attraction is wider than 60 deg
 # Of the corners must be inliers for a motion to be taken without trying others, a turn without travel, too. With 0.8,
 # 0.9 and 0.95 increments of six tuned drives err by 0.0055, 0.0048 and 0.0048 deg RMS, in 2.3, 2.7 and 2.9 ms.
 AGREE = 0.9
-INDEPENDENT = 0.25  # share of the corners that err by themselves: neighbours err together
 # Deviations by which some direction of travel may explain a turn's residuals better than none. Of photographs that only
 # turned (apartment, city, forest; noise 2 to 8) none reached 7; the first image of a drive has 16 or more.
 PARALLAX = 8.0

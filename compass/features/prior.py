@@ -16,6 +16,7 @@ TILT_NOISE, UNKNOWN_TILT = 0.01, 0.045  # rad, error of the tilt in what it does
 LOCK_PX = 0.012  # by which corners that all move by the same part of a column err: photographs of a city and a forest
 DISAGREE = 3.0  # deviations by which two answers to one question may differ
 FEWEST = 24  # corners that have to be found again, and to be inliers: five for each of a motion's unknowns
+INDEPENDENT = 0.25  # share of the corners that err by themselves, as neighbours err together; not derived
 LEVEL = (0.0, 0.0)  # no tilt
 
 

@@ -13,25 +13,31 @@ from operator import attrgetter
 import numpy as np
 
 from compass.angles import wrap_angle
+from compass.features.prior import INDEPENDENT
 from compass.flow.correlation import Floats
 
-DRAWS = 150  # pairs of bearings; each gives two turns, and travel ahead or back
-COUNTED = 200  # bearings that judge what was drawn
-ROUGH = np.deg2rad(4.0)  # inlier threshold of a motion that was drawn: roll and pitch are not estimated yet
-STARTS = 6  # best motions that are refined, with turns so far apart from each other and from what was found:
-APART = np.deg2rad(4.0)
-RIVAL = np.deg2rad(45.0)  # a turn so far away is another answer
+# Pairs of bearings; each gives two turns, and travel ahead or back. Where a fifth are inliers, a pair of inliers is
+# among them with a probability of 0.998.
+DRAWS = 150
+COUNTED = 200  # bearings that judge what was drawn: the share of inliers to 0.035
+# Inlier threshold of a motion that was drawn: roll and pitch are not estimated yet. Turns no further apart than that
+# share their inliers.
+ROUGH_INLIER = np.deg2rad(4.0)
+# Best motions that are refined, with turns that share no inliers; with three, one pair of views of `weave` was 12.3 deg
+# off at a claimed 1.2 (docs/lab-notes/gaps-2026-11-28.md).
+STARTS = 6
+OTHER_TURN = np.deg2rad(45.0)  # a turn so far away is another answer; not derived
 WIDTHS = np.deg2rad([6.0, 3.0, 1.5, 0.75])  # scales of the robust weights while a motion is refined
-ROUNDS = 8  # at most, at each width
-STEP = 1e-4  # rad, of numerical derivatives; a smaller change of the turn ends a width
+GAUSS_NEWTON_ROUNDS = 8  # at most, at each width
+DERIVATIVE_STEP = 1e-4  # rad, of numerical derivatives; a smaller change of the turn ends a width
 PRIORS = np.deg2rad([1e3, 1e3, 6.0, 6.0, 6.0])  # deviations of turn, direction, tilt about x and y, climb
 UNTILT = np.array([[0, 0, 0, 0, 0, 1, 0, -1, 0], [0, 0, -1, 0, 0, 0, 1, 0, 0.0]])  # rotations by -1 about x and y
-NEAR = np.deg2rad(1.0)  # inlier threshold of the refined motion
+# Not derived: `WIDTHS`, `PRIORS`, `INLIER`, `TURN_FLOOR`, `TILT_GAIN`.
+INLIER = np.deg2rad(1.0)  # inlier threshold of the refined motion
 SHUFFLES = 8  # of the partners, to know what chance gives
-INDEPENDENT = 0.25  # share of the inliers: neighbours err together
-FLOOR = np.deg2rad(0.06)  # error that no number of bearings averages out
-CLOSEST = 1e-8  # rad^2, mean squared residual at least; else nothing is left of `PRIORS`
-LEANING = 4.0  # error of the turn per tilt or climb and share of outliers
+TURN_FLOOR = np.deg2rad(0.06)  # error that no number of bearings averages out
+MIN_SCATTER = 1e-8  # rad^2, mean squared residual at least; else nothing is left of `PRIORS`
+TILT_GAIN = 4.0  # error of the turn per tilt or climb and share of outliers
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,21 +76,21 @@ def find_motion(seen: Floats, again: Floats, besides: float | None = None) -> Mo
     seen, again : (n, 3) arrays
         Bearings of the same points before and after, unit vectors, outliers among them; x ahead, y left, z up.
     besides : float, optional
-        A turn, rad, to keep `RIVAL` away from.
+        A turn, rad, to keep `OTHER_TURN` away from.
     """
     drawn = _drawn(seen, again)
     some = np.random.default_rng(2).permutation(len(seen))[:COUNTED]
     seen_some, again_some = seen[some], again[some]
     miss = misses(drawn, seen_some.astype(np.float32), again_some.astype(np.float32))
-    support = np.maximum(1.0 - miss / ROUGH**2, 0.0).sum(axis=1)
+    support = np.maximum(1.0 - miss / ROUGH_INLIER**2, 0.0).sum(axis=1)
     if besides is not None:
-        support[np.cos(drawn[:, 0] - besides) > np.cos(RIVAL)] = -1.0
+        support[np.cos(drawn[:, 0] - besides) > np.cos(OTHER_TURN)] = -1.0
     tried = []
     for _ in range(STARTS):
         start = drawn[support.argmax()]
         tried.append(_refined(start, seen_some, again_some))
         for turn in start[0], tried[-1].turn:
-            support[np.cos(drawn[:, 0] - turn) > np.cos(APART)] = -1.0
+            support[np.cos(drawn[:, 0] - turn) > np.cos(ROUGH_INLIER)] = -1.0
     likeliest = max(tried, key=attrgetter("support"))
     ambiguity = max(_ambiguity(likeliest, other) for other in tried)
     best = _refined(likeliest.states[0], seen, again)
@@ -141,33 +147,33 @@ def misses(motions: Floats, seen: Floats, again: Floats) -> Floats:
 
 def _refined(states: Floats, seen: Floats, again: Floats) -> Motion:
     """The motion near `states`, (5,), by robust Gauss-Newton: Geman-McClure weights, each time narrower."""
-    trials = STEP * np.concatenate([np.zeros((1, 5)), np.eye(5), -np.eye(5)])
+    trials = DERIVATIVE_STEP * np.concatenate([np.zeros((1, 5)), np.eye(5), -np.eye(5)])
     for width in WIDTHS:
-        for _ in range(ROUNDS):
+        for _ in range(GAUSS_NEWTON_ROUNDS):
             angles = _angles_missed(states + trials, seen, again).transpose(1, 0, 2)
             missed = np.square(angles[0]).sum(axis=0)
             weight = (1.0 + missed / width**2) ** -2
-            scatter = max(float(weight @ missed / weight.sum()), CLOSEST)
+            scatter = max(float(weight @ missed / weight.sum()), MIN_SCATTER)
             weight, angles = np.tile(weight, 3), angles.reshape(len(trials), -1)
-            slope = (angles[1:6] - angles[6:]) / (2.0 * STEP)
+            slope = (angles[1:6] - angles[6:]) / (2.0 * DERIVATIVE_STEP)
             precision = (slope * weight) @ slope.T + np.diag(scatter / PRIORS**2)
             step = np.linalg.solve(precision, slope @ (weight * angles[0]) + scatter * states / PRIORS**2)
             states = states - step
-            if abs(step[0]) < STEP:
+            if abs(step[0]) < DERIVATIVE_STEP:
                 break
     known = scatter * np.linalg.inv(precision)[0, 0] / INDEPENDENT
     missed = misses(states[None], seen, again)
-    outliers = float(np.mean(missed > NEAR**2))
-    variance = float(known + FLOOR**2 + (LEANING * outliers) ** 2 * (states[2:] @ states[2:]))
-    return Motion(states[None], variance, float(np.maximum(1.0 - missed / NEAR**2, 0.0).sum()))
+    outliers = float(np.mean(missed > INLIER**2))
+    variance = float(known + TURN_FLOOR**2 + (TILT_GAIN * outliers) ** 2 * (states[2:] @ states[2:]))
+    return Motion(states[None], variance, float(np.maximum(1.0 - missed / INLIER**2, 0.0).sum()))
 
 
 def evidence(motion: Motion, seen: Floats, again: Floats) -> float:
     """Nats by which a motion has more inliers than among shuffled pairs: a binomial's large deviation."""
     rng, count = np.random.default_rng(1), len(seen)
     partners = np.concatenate([rng.permutation(count) for _ in range(SHUFFLES)])
-    shuffled = misses(motion.states, np.tile(seen, (SHUFFLES, 1)), again[partners]) < NEAR**2
-    inliers = int(np.count_nonzero(misses(motion.states, seen, again) < NEAR**2))
+    shuffled = misses(motion.states, np.tile(seen, (SHUFFLES, 1)), again[partners]) < INLIER**2
+    inliers = int(np.count_nonzero(misses(motion.states, seen, again) < INLIER**2))
     chance, share = (float(shuffled.sum()) / SHUFFLES + 0.5) / (count + 1.0), min(inliers / count, 1.0 - 1e-9)
     if share <= chance:
         return 0.0

@@ -26,16 +26,16 @@ from compass.increment import CompassStatus
 from compass.methods.match import Match, Search
 from compass.methods.sector_median import match_small
 
-NARROWEST = 256  # columns; with fewer a patch is larger than what it shows
-LOWEST = 4 * HALF  # rows
+MIN_COLUMNS = 256  # columns; with fewer a patch is larger than what it shows
+MIN_ROWS = 4 * HALF  # rows
 # Of the circle without any corner. What is seen on one side only turns by as much as it is passed: of nine tuned drives
 # whose corners were left out over 0.63 of it error^2/variance is 640, over a half 5.4, over 0.38 1.7, over 0.22 1.05.
 GAP = 0.4
-UNRELATED_PX = 0.18  # a deviation beyond it: no motion explains the corners, they show another place
-MOST = 0.5  # of a keyframe's corners: where more are inliers of one motion, no other motion has as many
+UNRELATED_PX = 0.18  # a deviation beyond it: no motion explains the corners, they show another place; not derived
+MAJORITY = 0.5  # of a keyframe's corners: where more are inliers of one motion, no other motion has as many
 # Pixels from image to image; corners that move by less are expected to go on so, and need no pyramid, which saves a
 # tenth of an update. RMS of 16 drives with it, without, and without pyramid all the same: 0.034, 0.031, 0.039 deg.
-STEADY = 2.0
+STEADY_PX = 2.0
 
 
 @dataclass(slots=True, eq=False)
@@ -77,7 +77,7 @@ class CornerTracker:
 
     def __call__(self, reference: Strip, current: Strip, search: Search) -> Match:
         """How the current strip lies on the reference, see `compass.match.Match`."""
-        if reference.columns < NARROWEST or len(reference.pixels) < LOWEST:
+        if reference.columns < MIN_COLUMNS or len(reference.pixels) < MIN_ROWS:
             return match_small(reference, current, search)
         projection = Projection.of(reference, search.forward_px)
         key = self._keyframe_of(reference, projection)
@@ -94,7 +94,7 @@ class CornerTracker:
             inliers, found = _compared(tried, self._newest, replace(coarse, shift_px=shift_px), projection, tilt)
             if inliers > most:
                 most, match, self._keyframe = inliers, found, tried
-            if most > MOST * len(key.patches):
+            if most > MAJORITY * len(key.patches):
                 break
         return match
 
@@ -155,7 +155,7 @@ def _tracked(
     predicted = projection.pixels(rotation @ key.tangents.ahead) - key.patches.centre
     rotated = predicted - key.predicted
     expected = key.last + np.stack([signed(rotated[:, 0], now.columns), rotated[:, 1]], axis=1)
-    steady = not key.motion.is_unknown and quantile(np.abs(key.pace).max(axis=1), 0.9) < STEADY
+    steady = not key.motion.is_unknown and quantile(np.abs(key.pace).max(axis=1), 0.9) < STEADY_PX
     guess = expected + key.pace if steady else expected
     tracks = track(key.picture, key.patches, now, guess.astype(np.float32), 0 if steady else 1)
     if now.clear is not None:
