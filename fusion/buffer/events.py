@@ -89,8 +89,8 @@ def event_of(sample: Sample) -> FusionEvent:
     if isinstance(sample, OdometrySample):
         pose = (0, 0.0) if sample.yaw is None else (1, sample.yaw)
         return TracksEvent(sample, t, (t, Rank.TRACKS, sample.yaw_rate, sample.speed, *pose))
-    told = sample.t_ref_ns, sample.yaw, sample.variance, sample.confidence
-    return CompassEvent(sample, t, (t, Rank.COMPASS, sample.long_baseline, *told))
+    content = sample.t_ref_ns, sample.yaw, sample.variance, sample.confidence
+    return CompassEvent(sample, t, (t, Rank.COMPASS, sample.long_baseline, *content))
 
 
 def reference_of(increment: YawIncrement) -> ReferenceEvent:

@@ -26,7 +26,7 @@ class GapWatch:
         self._jump = from_ns, to_ns
 
     def hear(self, t_ns: int, since_ns: int | None = None) -> None:
-        """Note the stamp, ns, of a sample that is believed, and since when it tells how the robot turned."""
+        """Note the stamp, ns, of a sample that is believed, and since when it measures how the robot turned."""
         newest_ns = t_ns if self._newest_ns is None else self._newest_ns
         if t_ns - newest_ns > SHORTEST_NS:
             self._open.append((newest_ns, t_ns))

@@ -71,7 +71,7 @@ class RefusalWatch:
         first_refused_ns = next(t_ns for t_ns, _, count in tallies if count > refused_before)
         since_ns = self._since_ns.setdefault(sensor, first_refused_ns)
         text = (
-            f"{refused} of {judged} samples within {seconds:.0f} s were refused: the turn they tell contradicts the"
+            f"{refused} of {judged} samples within {seconds:.0f} s were refused: the turn they measure contradicts the"
             f" other sensors; {REMEDIES[sensor]}"
         )
         return Warning("sensor_refused", sensor.value, since_ns, text)

@@ -62,7 +62,7 @@ class TimeOffset:
     sensor, other : Sensor
     seconds : float
     since_ns : int
-        Stamp of the first turn that tells.
+        Stamp of the first turn that shows it.
     sure : bool
     """
 
@@ -74,13 +74,13 @@ class TimeOffset:
 
 
 def with_window(history: tuple[Turned, ...], turned: Turned) -> tuple[Turned, ...]:
-    """The last windows with one more; those before a gap tell no lag."""
+    """The last windows with one more; those before a gap give no lag."""
     joined = bool(history) and history[-1].t_ns == turned.start_ns
     return (*history, turned)[-LONGEST:] if joined else (turned,)
 
 
 def time_offset(history: tuple[Turned, ...]) -> TimeOffset | None:
-    """Whose clock is off: of three sensors the one beside two that go together; of two nobody can tell."""
+    """Whose clock is off: of three sensors the one beside two that go together; of two it is not known whose."""
     since_ns = history[0].start_ns if history else 0
     lags = {pair: lag for pair in combinations(Sensor, 2) if (lag := _lag(history, *pair)) is not None}
     together = [set(pair) for pair, lag in lags.items() if abs(lag) < ALIKE]
@@ -94,15 +94,15 @@ def time_offset(history: tuple[Turned, ...]) -> TimeOffset | None:
 
 
 def _lag(history: tuple[Turned, ...], sensor: Sensor, other: Sensor) -> float | None:
-    """By how much later a sensor turns than another, s; None where that cannot be told."""
+    """By how much later a sensor turns than another, s; None where that is unknown."""
     if len(history) < FEWEST:
         return None
     ends = np.array([history[0].start_ns, *(one.t_ns for one in history)], np.int64)
     t = (ends - ends[0]) * 1e-9
-    (turned, missing), (by_other, not_told) = (_summed(history, list(Sensor).index(one)) for one in (sensor, other))
+    (turned, missing), (by_other, not_measured) = (_summed(history, list(Sensor).index(one)) for one in (sensor, other))
     seconds, shifted = np.diff(t), t - LAGS[:, None]
     inside = (shifted[:, :-1] >= 0.0) & (shifted[:, 1:] <= t[-1])
-    known = inside & (np.diff(missing) == 0.0) & (np.diff(np.interp(shifted, t, not_told)) == 0.0)
+    known = inside & (np.diff(missing) == 0.0) & (np.diff(np.interp(shifted, t, not_measured)) == 0.0)
     rates, others = np.diff(turned) / seconds, np.diff(np.interp(shifted, t, by_other)) / seconds
     left = _unexplained(np.broadcast_to(rates, known.shape), others, known)
     best, none = int(np.argmin(left)), int(np.argmin(np.abs(LAGS)))
@@ -113,7 +113,7 @@ def _lag(history: tuple[Turned, ...], sensor: Sensor, other: Sensor) -> float | 
 
 
 def _summed(history: tuple[Turned, ...], sensor: int) -> tuple[Floats, Floats]:
-    """By how much a sensor has turned at each end of a window, rad, and in how many windows it did not tell."""
+    """By how much a sensor has turned at each end of a window, rad, and in how many windows it did not measure."""
     turns = [one.turns[sensor] for one in history]
     missing = np.array([turn is None for turn in turns], float)
     known = np.array([turn or 0.0 for turn in turns])

@@ -1,11 +1,11 @@
 """What the yaw owes to one sensor only, since two of them last agreed.
 
 A fault shows in the next image, or in the next window of turns. Until then the yaw follows the sensor that errs, and
-the filter's covariance does not know: for it the gyro is right. So the published variance also holds what is *news*
-since the last time that two sensors agreed: what the yaw has gone on by beyond
+the filter's covariance does not know: for it the gyro is right. So the published variance also holds what is
+*unconfirmed* since the last time that two sensors agreed: what the yaw has gone on by beyond
 
 - what the tracks say, which confirm or contradict a gyro at once; else, as long as no third sensor speaks,
-- the turn rate that was agreed on: a robot that turns on as before is no news,
+- the turn rate that was agreed on: that a robot turns on as before needs no confirmation,
 
 and beyond what the steps of an encoder are.
 
@@ -19,17 +19,19 @@ from dataclasses import dataclass, replace
 
 from compass import wrap_angle
 from fusion.buffer.events import Sensor
-from fusion.checks.isolation import CLEAR, DOUBT
+from fusion.checks.alternative import ALTERNATIVE_PROBABILITY
+from fusion.checks.contradiction import CLEAR
 from fusion.checks.windows import SILENT_NS, Window
 from fusion.samples import OdometrySample
 
 LONGEST_NS = 1_000_000_000  # between two images of a slow camera
 PERIODS = 3  # of the images; after as many it has stopped, and the other sensor is alone, not unconfirmed
-ALIKE = 0.2  # of a turn; by less two that tell it need not differ to agree
+ALIKE = 0.2  # of a turn; by less two that measure it need not differ to agree; not derived
 ALIKE_TURN = 1e-3  # rad, nor by less than the steps of an encoder
 WELL_WITHIN = 0.5  # standard deviations; what is forgotten at each agreement adds up
-SLIP = 1.0  # standard deviations; by less slip what images, without a gyro, tell more exactly
-# Of the news, squared, where nobody else speaks: a sign reversed is twice as wrong, and stays within three sigmas.
+SLIP = 1.0  # standard deviations; by less slip what images, without a gyro, measure more exactly
+# Of what is unconfirmed, squared, where nobody else speaks: a sign reversed is twice as wrong, and stays within three
+# sigmas.
 REVERSED = (2.0 / 3.0) ** 2
 
 
@@ -173,20 +175,23 @@ class Unconfirmed:
         return self.tracks is not None and now.t_ns - self.tracks.last.t_ns <= SILENT_NS
 
     def variance(self, now: Belief, *, images: bool) -> float:
-        """What it adds to that of the yaw, rad^2; `images`: no gyro, but images tell the turn, and tracks slip."""
+        """What it adds to that of the yaw, rad^2; `images`: no gyro, but images measure the turn, and tracks slip."""
         alike = ALIKE_TURN**2
         if self.tracks is not None and self._witnessed(now):
             beyond = self._beyond(now)
             alike += self._by_scale(now)
             if images:
-                news = DOUBT[Sensor.GYRO] * max(beyond**2 - alike - SLIP**2 * self.noise, 0.0)
-                return news + (self._beyond_rate(self.seen, now) if self.seen else 0.0)
-            return DOUBT[Sensor.GYRO] * max(beyond**2 - alike, 0.0)
+                beyond_slip = ALTERNATIVE_PROBABILITY[Sensor.GYRO] * max(beyond**2 - alike - SLIP**2 * self.noise, 0.0)
+                return beyond_slip + (self._beyond_rate(self.seen, now) if self.seen else 0.0)
+            return ALTERNATIVE_PROBABILITY[Sensor.GYRO] * max(beyond**2 - alike, 0.0)
         last_ns = self.since.t_ns if self.image_ns is None else self.image_ns
         if self.blind_ns is None and now.t_ns - last_ns > PERIODS * self.pace_ns:
             return 0.0
         unseen_ns = 0 if self.blind_ns is None else min(now.t_ns - self.blind_ns, LONGEST_NS)
-        return self._beyond_rate(self.since, now) + DOUBT[Sensor.GYRO] * (self.rate_sigma * unseen_ns * 1e-9) ** 2
+        return (
+            self._beyond_rate(self.since, now)
+            + ALTERNATIVE_PROBABILITY[Sensor.GYRO] * (self.rate_sigma * unseen_ns * 1e-9) ** 2
+        )
 
     @staticmethod
     def _beyond_rate(since: Belief, now: Belief) -> float:

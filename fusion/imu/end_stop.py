@@ -16,7 +16,7 @@ _ENOUGH = 50  # samples to know that
 
 
 class EndStop:
-    """One axis. A gyro without noise repeats every constant rate: only a usual full scale tells its end stop.
+    """One axis. A gyro without noise repeats every constant rate: its end stop can only be at a usual full scale.
 
     Attributes
     ----------

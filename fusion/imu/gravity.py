@@ -20,7 +20,7 @@ class Gravity:
     """Complementary filter: the last vertical turned with the gyro, then drawn towards the accelerometer.
 
     What the gyro's bias does to it time after time is learnt (Mahony, Hamel & Pflimlin 2008,
-    doi:10.1109/TAC.2008.923738): it would lean by the bias times `seconds`.
+    doi:10.1109/TAC.2008.923738): it would be off by the bias times `seconds`.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ class Gravity:
 
     @property
     def silent(self) -> bool:
-        """Whether the accelerometer has told nothing for longer than the gyro alone can hold the vertical."""
+        """Whether the accelerometer has been silent for longer than the gyro alone can hold the vertical."""
         return self._direction is None or self._silence > self._seconds
 
     @property

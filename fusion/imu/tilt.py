@@ -1,7 +1,7 @@
-"""A robot that leans: what its camera and tracks measure are turns about its own axis, not changes of its heading.
+"""A tilted robot: what its camera and tracks measure are turns about its own axis, not changes of its heading.
 
 On a floor that has sunk by 20 deg the two differ by up to 1.8 deg within a quarter turn, and by 6 % in rate.
-How it leans is told by the vertical in its own frame (x forward, y left, z up): ``(0, 0, 1)`` on level ground.
+The tilt is given by the vertical in the robot's frame (x forward, y left, z up): ``(0, 0, 1)`` on level ground.
 """
 
 from __future__ import annotations
@@ -13,16 +13,16 @@ from dataclasses import dataclass
 from compass.tilt import Tilted, Vector, about_z
 from fusion.samples import GyroSample
 
-TILT_ERROR = 0.02  # rad, of roll and pitch as IMUs tell them
+TILT_ERROR = 0.02  # rad, of roll and pitch as IMUs measure them
 LATELY = 2000  # samples that are remembered, of a fast gyro those of two seconds
-NEAR_NS = 100_000_000  # for so long about a sample the robot leans as it did then
+NEAR_NS = 100_000_000  # for so long about a sample the robot's tilt is taken for that of the sample
 LATEST_NS = 10_000_000  # before an image: what is younger may or may not have come, and must not decide
 NOTICED = 0.005  # of a bias; a hundredth of what a gyro has is nothing
 STEEPEST = 0.1  # squared cosine of the nose's pitch, cosine of a robot on its side; beyond, a heading is none
 
 
 def heading_change(up: Vector, turn: float, tilt: tuple[float, float] = (0.0, 0.0)) -> float:
-    """Change of heading of a robot that leans, then tilts, then turns; rad, within half a turn of `turn`.
+    """Change of heading of a tilted robot that tilts further, then turns; rad, within half a turn of `turn`.
 
     Parameters
     ----------
@@ -56,13 +56,13 @@ class BiasGain:
     cross: float = 0.0
 
     @staticmethod
-    def leaning(up: Vector) -> BiasGain:
-        """Of a robot that leans so that `up` is vertical, see `heading_gain`."""
+    def tilted(up: Vector) -> BiasGain:
+        """Of a robot in whose frame `up` is the vertical, see `heading_gain`."""
         level = 1.0 - up[0] ** 2
         return BiasGain(up[2] / level, up[1] / level) if min(level, up[2]) >= STEEPEST else BiasGain()
 
     def differs(self, other: BiasGain) -> bool:
-        """Whether the robot leans otherwise by more than matters."""
+        """Whether the tilt is another by more than matters."""
         return abs(self.own - other.own) + abs(self.cross - other.cross) > NOTICED
 
 
@@ -72,7 +72,7 @@ def up_later(up: Vector, rate: float, seconds: float) -> Vector:
 
 
 class TiltLog:
-    """How the robot leant lately, written by one thread and read by another."""
+    """The robot's tilt of late, written by one thread and read by another."""
 
     def __init__(self) -> None:
         self._samples: deque[tuple[int, Vector, float]] = deque(maxlen=LATELY)

@@ -9,8 +9,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from fusion.buffer.events import Sensor
+from fusion.checks.alternative import ALTERNATIVE_PROBABILITY
 from fusion.checks.gate import Gate
-from fusion.checks.isolation import DOUBT, Isolation
+from fusion.checks.isolation import Isolation
 from fusion.checks.refusal import Refusal
 from fusion.checks.unconfirmed import Belief, TracksSince, Unconfirmed
 from fusion.checks.warnings import Warning
@@ -53,7 +54,7 @@ class FilterState:
     turns : Turns
         What each sensor says of the present window.
     isolation : Isolation
-        Who contradicts, is excluded and in doubt.
+        Who contradicts and is excluded, and what the alternatives are.
     gyro_vague : bool
         Whether the gyro's last sample says next to nothing, as at its end stop.
     gyro_since_ns : int or None
@@ -61,15 +62,15 @@ class FilterState:
     refusal : Refusal or None
         Increments that the gate refuses at present.
     unconfirmed : Unconfirmed or None
-        Since when only one sensor tells the turn; None before two have agreed.
+        Since when only one sensor measures the turn; None before two have agreed.
     warnings : tuple of Warning
         What is wrong.
     trail : GyroTrail
         What the gyro said lately.
     bias_gain : BiasGain
-        How the robot leans, as far as it matters to the gyro's bias.
+        Tilt of the robot, as far as it matters to the gyro's bias.
     aided_yaw : float
-        The yaw when a compass last told it, or who set it, rad: since then the gyro's scale counts.
+        The yaw when a compass last measured it, or when it was set, rad: since then the gyro's scale counts.
     yaw_lead : float
         By how much the published yaw is ahead of what is believed, rad: standing, the robot finds out how far wrong it
         has turned for minutes, but its yaw does not jump.
@@ -134,7 +135,7 @@ class FilterState:
 
     @property
     def scale_variance(self) -> float:
-        """Variance (rad^2) that the gyro's scale gives to the turn since a compass, or anybody, last told the yaw."""
+        """Variance (rad^2) that the gyro's scale gives to the turn since the yaw was last measured or set."""
         if self.gates[Sensor.GYRO].accepted_ns is None or self.hears(Sensor.COMPASS):
             return 0.0
         turn = float(self.x[State.YAW]) - self.aided_yaw
@@ -188,7 +189,7 @@ class FilterState:
             return 0.0
         beyond = float(self.x[State.YAW]) - self.turns.start.yaw - tracks.turn_until(t_ns) / scale
         known = self.turns.start.scale_sigma / scale * tracks.turn_until(t_ns) / scale
-        return DOUBT[Sensor.COMPASS] * max(beyond**2 - known**2, 0.0)
+        return ALTERNATIVE_PROBABILITY[Sensor.COMPASS] * max(beyond**2 - known**2, 0.0)
 
     def believes(self, sensor: Sensor) -> bool:
         """Whether a gyro or tracks speak and are not excluded."""

@@ -65,7 +65,7 @@ class LearntNoise:
     def after(self, innovation: float, others: float, gain: float) -> LearntNoise:
         """After an innovation in which it shows `gain` times; `others` is the variance for all other reasons."""
         if not self.weights or (self.values[-1] * gain) ** 2 < others:
-            return self  # it tells nothing
+            return self  # uninformative
         keep, weights = 1.0 - 1.0 / self.memory, []
         for weight, prior, sigma in zip(self.weights, self.prior, self.values, strict=True):
             S = others + (sigma * gain) ** 2

@@ -33,7 +33,7 @@ class Gating:
         """Pass a measurement through its gate and fuse it if accepted."""
         S = state.ekf.innovation_variance(measurement)
         limit, recovery_ns = self.limit, self._recovery_ns[sensor]
-        if state.isolation.excludes(sensor) or (sensor is Sensor.TRACKS and state.isolation.doubt(sensor)):
+        if state.isolation.excludes(sensor) or (sensor is Sensor.TRACKS and state.isolation.alternative(sensor)):
             limit, recovery_ns = -1.0, FOREVER_NS
         gate = state.gates[sensor].judge(state.t_ns or 0, measurement.innovation, S, limit, recovery_ns)
         state.gates = {**state.gates, sensor: gate}

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 LONGEST_NS = 1_000_000_000  # of what the gyro said that is remembered
 SHORTEST_STEP = 0.02  # s; over less the gyro's noise says more of its rate than the rate
-CAUTION = 100.0  # the gyro's noise, as a turn rate that changes, must not tell the delay however long it lasts
+CAUTION = 100.0  # the gyro's noise, as a turn rate that changes, must not drive the delay however long it lasts
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,7 +75,7 @@ class GyroTrail:
         )
 
     def up_at(self, t_ns: int) -> Vector | None:
-        """The vertical in the robot's frame at a time, as the next sample tells it; None where none was near."""
+        """The vertical in the robot's frame at a time, from the next sample; None where none was near."""
         i = min(bisect_left(self.t_ns, t_ns), len(self.t_ns) - 1)
         return self.ups[i] if i >= 0 and abs(self.t_ns[i] - t_ns) <= NEAR_NS else None
 
@@ -113,8 +113,8 @@ def exposure_of(state: FilterState) -> Exposure:
 def exposure(ekf: YawEkf, t_ns: int, trail: GyroTrail | None) -> Exposure:
     """What happened between the exposure of an image stamped `t_ns`, the present, and that stamp.
 
-    Without a gyro's `trail` the delay is taken for known: nothing else could tell it, and as an unknown it would
-    let the tracks draw the yaw about.
+    Without a gyro's `trail` the delay is taken for known: it is not observable, and as an unknown it would let the
+    tracks draw the yaw about.
     """
     delay, variance = float(ekf.x[State.CAMERA_DELAY]), float(ekf.P[State.CAMERA_DELAY, State.CAMERA_DELAY])
     if trail is None:

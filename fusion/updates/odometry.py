@@ -43,7 +43,7 @@ class OdometryFields:
     pose, twist : bool
         Whether the pose's yaw has ever changed; whether the twist has ever been other than zero.
     gain, lead : float
-        Rate of the heading over the robot's own at the last sample, for its lean; by how much the heading has gone
+        Rate of the heading over the robot's own at the last sample, for its tilt; by how much the heading has gone
         ahead of the poses for that reason, rad.
     """
 
@@ -54,7 +54,7 @@ class OdometryFields:
     lead: float = 0.0
 
     def after(self, sample: OdometrySample, up: Vector | None) -> tuple[OdometryFields, OdometrySample]:
-        """After a sample, of a robot that leans so that `up` is vertical; and what the sample says of its heading.
+        """After a sample, of a robot in whose frame `up` is the vertical; and the sample as one of its heading.
 
         A pose that never speaks is left out; where only poses speak the rate is taken from them.
         """
@@ -88,7 +88,7 @@ class TrackClaim:
     turn: float
 
     def turn_until(self, sample: OdometrySample, mode: str) -> tuple[float | None, bool]:
-        """Turn (rad) from the reference to `sample`, None if that cannot be told; and whether modulo a turn.
+        """Turn (rad) from the reference to `sample`, None if that is unknown; and whether modulo a turn.
 
         By the poses if `mode` is ``pose`` and both have a yaw, else by the turn rates in between.
         """
@@ -159,8 +159,8 @@ def tracks_measurement(ekf: YawEkf, turn: float, noise: float, *, modulo_turn: b
     """What the turn (rad) claimed since the tracks' reference says: scale times the true turn, plus their error.
 
     `noise` is the variance of its white noise, rad^2; a pose counts no turns (`modulo_turn`). `alone` says that
-    nothing else measures the turning. The scale cannot be observed then (linearised, the tracks would seem to tell
-    it all the same), so it is only considered.
+    nothing else measures the turning. The scale cannot be observed then (linearised, the tracks would seem to
+    observe it), so it is only considered.
 
     The second-order terms of scale times turn are kept (Bar-Shalom, Li & Kirubarajan 2001, section 10.3.2), but
     not when the tracks are alone: then the two err together so that their product is right. From sample to sample

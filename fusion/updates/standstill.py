@@ -1,8 +1,8 @@
 """Standstill, found from all sensors together, and its zero-velocity update.
 
 Each sensor is watched since the last sign of motion. The robot is taken to stand once none of those that speak shows
-any, and the tracks or the compass could by now have seen a turn as slow as `RESOLUTION`: the gyro alone cannot tell a
-slow turn from its bias. One sign of motion from one sensor ends it. Detectors of one inertial unit are compared by Skog
+any, and the tracks or the compass could by now have seen a turn as slow as `RESOLUTION`: to the gyro alone a slow turn
+looks like its bias. One sign of motion from one sensor ends it. Detectors of one inertial unit are compared by Skog
 et al. 2010, doi:10.1109/TBME.2010.2060723.
 """
 
@@ -31,7 +31,7 @@ SILENT_NS = 1_000_000_000  # a sensor not heard for so long has no say
 ROUGH = 0.02  # rad/s; noise to expect of resting tracks until it is known
 CREEP_RATE = 0.001  # rad/s; tracks that claim less show no motion
 CREEP = 0.01  # m/s; slower is not driving
-RESTING = 20  # gyro samples without a sign of motion that tell their scatter
+RESTING = 20  # samples without a sign of motion that their scatter is estimated from
 LATELY = 25  # gyro samples in its recent mean, for turns too slow to show in one sample
 STILL_TURN = 1e-5  # rad, what standing still leaves of a turn
 BLIND = 0.02  # rad; an increment with a larger standard deviation misses how a robot starts to turn
@@ -60,7 +60,7 @@ class Running:
 
     @property
     def mean_sigma(self) -> float:
-        """Standard deviation of the mean; infinite for fewer than five values, which tell no scatter."""
+        """Standard deviation of the mean; infinite for fewer than five values, too few for a scatter."""
         return self.sigma / math.sqrt(self.count) if self.count > 4 else math.inf
 
 
@@ -271,7 +271,7 @@ def open_rate(ekf: YawEkf, sigma: float, within: float, seen: float) -> None:
 
 def stand_still(ekf: YawEkf, seconds: float) -> None:
     """Take in that the robot has stood for so long, since STILL_REF, but for a creep too slow to be found."""
-    # it tells nothing of scale factors, though linearised their errors go along with that of the rate
+    # it does not observe scale factors, though linearised their errors go along with that of the rate
     consider = (State.SCALE, State.GYRO_SCALE)
     H = np.zeros((1, DIM))
     H[0, State.RATE] = 1.0

@@ -422,7 +422,7 @@ MUTANTS = (
     ),
     Mutant(
         "gyro-in-degrees-not-told",
-        "fusion/checks/isolation_rules.py",
+        "fusion/checks/gyro_faults.py",
         "TURNED = 0.02",
         "TURNED = 2.0",
         _tests("test_isolation"),
