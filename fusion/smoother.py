@@ -24,7 +24,7 @@ from fusion.buffer.events import (
     reference_of,
     sensor_of,
 )
-from fusion.checks.unconfirmed import LONGEST_NS
+from fusion.checks.silence import SILENT_NS
 from fusion.config import FusionConfig
 from fusion.filter import YawFilter
 from fusion.samples import YawEstimate
@@ -78,7 +78,7 @@ class Adjoint:
     def smoothed(self, state: FilterState) -> FilterState:
         """A state of the filter with what comes after it taken in."""
         P, since = state.P, state.unconfirmed
-        if since is not None and self.confirmed and (state.t_ns or 0) - since.since.t_ns <= LONGEST_NS:
+        if since is not None and self.confirmed and (state.t_ns or 0) - since.since.t_ns <= SILENT_NS:
             since = None
         smoothed = P - P @ self.L @ P
         np.fill_diagonal(smoothed, np.maximum(np.diagonal(smoothed), LINEAR * np.diagonal(P)))

@@ -10,7 +10,8 @@ from compass import YawIncrement
 from fusion.samples import GyroSample, OdometrySample
 
 Sample = GyroSample | OdometrySample | YawIncrement
-FASTEST = 1e3  # m/s and rad/s; a driver's nonsense beyond it could overflow the filter's squares
+FOREVER_NS = 2**63  # beyond all stamps
+NONSENSE_RATE = 1e3  # m/s and rad/s; a driver's nonsense beyond it could overflow the filter's squares
 
 
 class Sensor(Enum):
@@ -142,8 +143,8 @@ def fault_of(sample: Sample) -> str | None:
         return "not finite"
     if variance is not None and variance <= 0.0:
         return "variance not positive"
-    if any(abs(number) > FASTEST for number in motion):
-        return f"faster than {FASTEST:g} m/s or rad/s"
+    if any(abs(number) > NONSENSE_RATE for number in motion):
+        return f"faster than {NONSENSE_RATE:g} m/s or rad/s"
     return None
 
 

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, field, replace
 
 from fusion.buffer.events import Sensor
-from fusion.checks.contradiction import CLEAR
+from fusion.checks.contradiction import CONTRADICTION_SIGMAS
 from fusion.checks.windows import Claim, Window
 
 # Of the alternative where nobody can decide: the variance of a mixture grows by that share of the squared difference of
@@ -16,7 +16,7 @@ ALTERNATIVE_PROBABILITY = {Sensor.GYRO: 0.25, Sensor.COMPASS: 0.25, Sensor.TRACK
 FOUND_AGAIN_PROBABILITY = 0.1
 LONGEST_ROW_NS = 1_000_000_000  # after a window a contradiction is taken to go on for, until the next one is judged
 AGREEING = 0.4  # of the way from one to the other; a third as near to one takes its side
-VAGUE = 0.4  # of the way, standard deviation: nor with less does it know where between the two it is
+UNDECIDED = 0.4  # of the way, standard deviation: nor with less does it know where between the two it is
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +48,7 @@ class Third:
             return self
         beyond = claim.turn - followed
         outside = max(beyond - max(difference, 0.0), min(difference, 0.0) - beyond, 0.0)
-        if outside > AGREEING * abs(difference) + CLEAR * claim.sigma:
+        if outside > AGREEING * abs(difference) + CONTRADICTION_SIGMAS * claim.sigma:
             return self  # it contradicts both
         weighed = difference / claim.noise**2
         return Third(
@@ -68,7 +68,7 @@ class Third:
         if self.information <= 0.0:
             return None
         at = self.moment / self.information
-        if math.hypot(self.information**-0.5, self.scale * self.scaled / self.information) > VAGUE:
+        if math.hypot(self.information**-0.5, self.scale * self.scaled / self.information) > UNDECIDED:
             return None
         if abs(at - 1.0) < AGREEING:
             return True

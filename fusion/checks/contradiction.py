@@ -7,15 +7,15 @@ import math
 from fusion.checks.windows import Claim
 
 GROSS = 0.02  # rad/s; smaller contradictions are for the filter's gates to settle
-CLEAR = 5.0  # standard deviations of a contradiction
-CLEAR_SCALE = 2.5  # of scale factors: theirs are no normal distributions, none is negative
+CONTRADICTION_SIGMAS = 5.0  # standard deviations of a contradiction
+CONTRADICTION_SCALE_SIGMAS = 2.5  # of scale factors: theirs are no normal distributions, none is negative
 
 
 def limit(one: Claim, other: Claim, seconds: float) -> float:
     """By how much two claims may differ before they contradict, rad; no scale factor makes a turn of none."""
     noise = math.hypot(max(one.noise, one.at_worst), max(other.noise, other.at_worst))
     scale = math.hypot(one.scale, other.scale) * min(abs(one.turn), abs(other.turn))
-    return max(GROSS * seconds, CLEAR * noise + CLEAR_SCALE * scale)
+    return max(GROSS * seconds, CONTRADICTION_SIGMAS * noise + CONTRADICTION_SCALE_SIGMAS * scale)
 
 
 def contradict(one: Claim | None, other: Claim | None, seconds: float) -> bool:

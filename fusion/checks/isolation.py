@@ -21,13 +21,13 @@ from dataclasses import dataclass, replace
 from fusion.buffer.events import Sensor
 from fusion.checks.alternative import Alternative
 from fusion.checks.exclusion import Exclusion, fits_anything
-from fusion.checks.time_offset import EVERY, TimeOffset, Turned, time_offset, with_window
+from fusion.checks.time_offset import EVERY_WINDOWS, TimeOffset, Turned, time_offset, with_window
 from fusion.checks.windows import Claim, Window
 
 MOST_STRIKES = 6  # that count: 32 telling windows are as many as are waited for; not derived
 NEVER = 1_000_000_000  # windows
 NO_SPIKES = 3  # windows with turns that no robot makes; not derived
-EVIDENCE = 20  # windows with a contradiction that are remembered, to name the fault; not derived
+EVIDENCE_WINDOWS = 20  # windows with a contradiction that are remembered, to name the fault; not derived
 BEST_FIRST = (Sensor.COMPASS, Sensor.GYRO, Sensor.TRACKS)
 
 
@@ -107,7 +107,7 @@ class Isolation:
     def with_turns(self, window: Window, bias: float) -> Isolation:
         """With what the sensors turned by in one more window, the gyro's bias (rad/s) not taken out."""
         turned, windows = with_window(self.turned, Turned.of(window, bias)), self.windows + 1
-        offset = time_offset(turned) if windows % EVERY == 0 else self.offset
+        offset = time_offset(turned) if windows % EVERY_WINDOWS == 0 else self.offset
         return replace(self, turned=turned, offset=offset, windows=windows)
 
     def excludes(self, sensor: Sensor) -> bool:
@@ -186,7 +186,7 @@ class Isolation:
 
     def noting(self, window: Window) -> Isolation:
         """With a window that shows a contradiction."""
-        return self if window in self.evidence else replace(self, evidence=(*self.evidence, window)[-EVIDENCE:])
+        return self if window in self.evidence else replace(self, evidence=(*self.evidence, window)[-EVIDENCE_WINDOWS:])
 
 
 Judged = tuple[Isolation, Remedy]

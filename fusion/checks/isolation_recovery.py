@@ -14,7 +14,7 @@ from fusion.checks.isolation import Isolation, Judged, Remedy
 from fusion.checks.windows import Claim, Window
 
 TIMED = 0.95  # of squared contradictions, explained by a time offset
-LATEST = 0.3  # s; no camera's driver takes longer than that longer than before
+LONGEST_DELAY = 0.3  # s; no camera's driver takes longer than that longer than before
 SUSTAINED = 1.5  # of the last window's contradiction that they must sum up to, not to be one wrong match
 
 
@@ -160,7 +160,7 @@ def _delay(iso: Isolation, alternative: Alternative) -> float | None:
     if len(off) < 2 or squares == 0.0 or by_change**2 < TIMED * squares * total:
         return None
     delay = -by_change / squares
-    return delay if abs(delay) < LATEST else None
+    return delay if abs(delay) < LONGEST_DELAY else None
 
 
 def _trust_again(iso: Isolation, sensor: Sensor) -> Judged:

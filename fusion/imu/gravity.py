@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from compass.tilt import Vector
+from fusion.checks.silence import RATE_SILENT_NS
 from fusion.imu.vectors import cross, dot, turned, unit, vector
 
-LONGEST_STEP_NS = 500_000_000  # over a longer silence the turn is unknown: the accelerometer alone decides
 _YOUNG = 3.0  # s; from less a start would be taken for a bias
 # What gravity measures in the units that drivers use; milli-g and cm/s^2 differ by less than accelerometers err.
 _UNITS = ((9.80665, "m/s^2"), (1.0, "g"), (1000.0, "milli-g or cm/s^2"), (9806.65, "mm/s^2"))
@@ -70,7 +70,7 @@ class Gravity:
         """Take in a reading: time since the last, ns; angular velocity, rad/s; specific force, any unit."""
         force = unit(acceleration)
         self._turn(step_ns, rate, force)
-        seconds = min(max(step_ns, 0), LONGEST_STEP_NS) * 1e-9
+        seconds = min(max(step_ns, 0), RATE_SILENT_NS) * 1e-9
         self._silence = 0.0 if force else self._silence + seconds
         if force and acceleration is not None and self._direction:
             along = dot(vector(acceleration), self._direction)
@@ -79,7 +79,7 @@ class Gravity:
             self._heard = min(self._heard + max(seconds, 1e-3), self._seconds)
 
     def _turn(self, step_ns: int, rate: Vector, force: Vector | None) -> None:
-        if self._direction is None or not 0 <= step_ns <= LONGEST_STEP_NS:
+        if self._direction is None or not 0 <= step_ns <= RATE_SILENT_NS:
             self._direction, self._age = force or self._direction, 0.0
             return
         dt = step_ns * 1e-9

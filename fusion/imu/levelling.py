@@ -8,13 +8,14 @@ from dataclasses import dataclass
 
 from compass.parameters import ParameterSet, parameter
 from compass.tilt import Vector
-from fusion.buffer.events import FASTEST
+from fusion.buffer.events import NONSENSE_RATE
 from fusion.checks.warnings import Warning
 from fusion.imu.end_stop import EndStop
 from fusion.imu.gravity import Gravity
 from fusion.imu.halves import Halves
 from fusion.imu.orientation import Orientation
 from fusion.imu.robot_axes import RobotAxes
+from fusion.imu.tilt import STEEPEST_SQUARED
 from fusion.imu.vectors import AXES, dot, nearest_axis, vector
 from fusion.imu.warnings import Complaints
 from fusion.samples import GyroSample
@@ -118,7 +119,7 @@ class ImuLevel:
         if not carries:
             return None
         variance = None
-        if all(abs(r) <= FASTEST for r in rate):  # false for NaN, too; nonsense would tilt the vertical for long
+        if all(abs(r) <= NONSENSE_RATE for r in rate):  # false for NaN, too; nonsense would tilt the vertical for long
             step_ns = 0 if self._t_ns is None else t_ns - self._t_ns
             self._t_ns = t_ns
             self._gravity.follow(step_ns, rate, force)
@@ -187,7 +188,7 @@ class ImuLevel:
         forward = self._forward or AXES["+x"]
         tilt = dot(up, forward)
         level = 1.0 - tilt * tilt
-        if level < 0.1:  # forward points at the sky: it has no heading
+        if level < STEEPEST_SQUARED:  # forward points at the sky: it has no heading
             return dot(up, rate)
         return (dot(up, rate) - tilt * dot(forward, rate)) / level
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from compass.tilt import Vector
-from fusion.imu.gravity import LONGEST_STEP_NS
+from fusion.checks.silence import RATE_SILENT_NS
 from fusion.imu.vectors import AXES, cross, dot, unit
 
 _TELLING = 0.5  # rad of turning that show the robot's own axis; not derived
@@ -40,7 +40,7 @@ class RobotAxes:
             counts = next((counts for low, high, counts in _ALIGNED if low <= cosine <= high + 1e-9), 0.0)
             self._aligned = counts**2 * x, counts**2 * y, counts**2 * z
         turning = dot(up, rate)
-        if abs(turning) < max(_TURNING, _MOSTLY * math.sqrt(dot(rate, rate))) or not 0 < step_ns <= LONGEST_STEP_NS:
+        if abs(turning) < max(_TURNING, _MOSTLY * math.sqrt(dot(rate, rate))) or not 0 < step_ns <= RATE_SILENT_NS:
             return
         turn = math.copysign(step_ns * 1e-9, turning)
         (x, y, z), (wx, wy, wz) = self._turned, rate

@@ -10,15 +10,16 @@ import math
 from collections import deque
 from dataclasses import dataclass
 
+from compass.config import CompassConfig
 from compass.tilt import Tilted, Vector, about_z
 from fusion.samples import GyroSample
 
-TILT_ERROR = 0.02  # rad, of roll and pitch as IMUs measure them
-LATELY = 2000  # samples that are remembered, of a fast gyro those of two seconds
+TILT_ERROR = CompassConfig.tilt_sigma  # rad, of roll and pitch as IMUs measure them; the parameter's default
+LOG_LENGTH = 2000  # samples that are remembered, of a fast gyro those of two seconds
 NEAR_NS = 100_000_000  # for so long about a sample the robot's tilt is taken for that of the sample
-LATEST_NS = 10_000_000  # before an image: what is younger may or may not have come, and must not decide
+SETTLED_NS = 10_000_000  # before an image: what is younger may or may not have come, and must not decide
 NOTICED = 0.005  # of a bias; a hundredth of what a gyro has is nothing
-STEEPEST = 0.1  # squared cosine of the nose's pitch, cosine of a robot on its side; beyond, a heading is none
+STEEPEST_SQUARED = 0.1  # squared cosine of the nose's pitch, cosine of a robot on its side; beyond, a heading is none
 
 
 def heading_change(up: Vector, turn: float, tilt: tuple[float, float] = (0.0, 0.0)) -> float:
@@ -45,7 +46,7 @@ def tilt_angle(up: Vector) -> float:
 def heading_gain(up: Vector) -> float:
     """Rate of the heading over that of a turn about the robot's own axis."""
     level = 1.0 - up[0] ** 2
-    return up[2] / level if level >= STEEPEST else 1.0
+    return up[2] / level if level >= STEEPEST_SQUARED else 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,7 +60,7 @@ class BiasGain:
     def tilted(up: Vector) -> BiasGain:
         """Of a robot in whose frame `up` is the vertical, see `heading_gain`."""
         level = 1.0 - up[0] ** 2
-        return BiasGain(up[2] / level, up[1] / level) if min(level, up[2]) >= STEEPEST else BiasGain()
+        return BiasGain(up[2] / level, up[1] / level) if min(level, up[2]) >= STEEPEST_SQUARED else BiasGain()
 
     def differs(self, other: BiasGain) -> bool:
         """Whether the tilt is another by more than matters."""
@@ -75,7 +76,7 @@ class TiltLog:
     """The robot's tilt of late, written by one thread and read by another."""
 
     def __init__(self) -> None:
-        self._samples: deque[tuple[int, Vector, float]] = deque(maxlen=LATELY)
+        self._samples: deque[tuple[int, Vector, float]] = deque(maxlen=LOG_LENGTH)
 
     def add(self, sample: GyroSample) -> None:
         """Take in what a sample says of the vertical, if it says anything."""
@@ -83,8 +84,8 @@ class TiltLog:
             self._samples.append((sample.t_ns, sample.up, sample.yaw_rate))
 
     def at(self, t_ns: int) -> Vector | None:
-        """The vertical at a stamp, ns, from the last sample before it but for `LATEST_NS`; None where none was near."""
-        latest_ns = t_ns - LATEST_NS
+        """The vertical at a stamp, ns, by the last sample `SETTLED_NS` or more before it; None where none was near."""
+        latest_ns = t_ns - SETTLED_NS
         before = (sample for sample in list(self._samples) if latest_ns - NEAR_NS <= sample[0] <= latest_ns)
         found = max(before, default=None)
         return found and up_later(found[1], found[2], (t_ns - found[0]) * 1e-9)

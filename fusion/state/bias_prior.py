@@ -19,7 +19,7 @@ import numpy.typing as npt
 
 Array = npt.NDArray[np.float64]
 STEPS = np.arange(7.0) / 6.0  # from the configured standard deviation to the least, by their logarithm, all as likely
-NOTHING = 1e9  # variance of an uninformative measurement, in units of the prior's
+UNINFORMATIVE = 1e9  # variance of an uninformative measurement, in units of the prior's
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,5 +64,5 @@ class BiasPrior:
 def _narrower(sigmas: tuple[float, float], least: tuple[float, float]) -> tuple[Array, Array]:
     """Of either error and each deviation, (2, 7): variance of the measurement of zero, and the evidence's constant."""
     shares = np.minimum(np.array(least) / np.array(sigmas), 1.0)[:, None] ** STEPS
-    R = np.minimum(shares**2 / np.maximum(1.0 - shares**2, 1.0 / NOTHING), NOTHING)
+    R = np.minimum(shares**2 / np.maximum(1.0 - shares**2, 1.0 / UNINFORMATIVE), UNINFORMATIVE)
     return R, -np.log(shares) + 0.5 * np.log(R)

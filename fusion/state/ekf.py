@@ -16,9 +16,18 @@ import numpy.typing as npt
 from filterpy.kalman import ExtendedKalmanFilter
 
 from compass import wrap_angle
-from fusion.buffer.events import FASTEST
+from fusion.buffer.events import NONSENSE_RATE
 from fusion.config import FusionConfig
-from fusion.state.bounds import LONGEST_STEP, LOST, blurred, forget_beyond, limit_turn, loosened, rounding, symmetric
+from fusion.state.bounds import (
+    LONGEST_STEP,
+    LOST_YAW,
+    blurred,
+    forget_beyond,
+    limit_turn,
+    loosened,
+    rounding,
+    symmetric,
+)
 from fusion.state.process_models import integrate_gauss_markov, turning
 
 Array = npt.NDArray[np.float64]
@@ -237,7 +246,7 @@ class YawEkf(ExtendedKalmanFilter):
     def widen(self, index: int, variance: float) -> None:
         """Add to the variance of state `index`, as far as more than that means anything."""
         self.P = self.P.copy()
-        self.P[index, index] += min(variance, (LOST if YAWS[index] else FASTEST) ** 2)
+        self.P[index, index] += min(variance, (LOST_YAW if YAWS[index] else NONSENSE_RATE) ** 2)
 
     def widen_frame(self, variance: float) -> None:
         """Add to the variance of all yaws alike: by so much the whole past may be turned."""

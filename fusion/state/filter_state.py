@@ -13,9 +13,10 @@ from fusion.checks.alternative import ALTERNATIVE_PROBABILITY
 from fusion.checks.gate import Gate
 from fusion.checks.isolation import Isolation
 from fusion.checks.refusal import Refusal
+from fusion.checks.silence import RATE_SILENT_NS, SILENT_NS
 from fusion.checks.unconfirmed import Belief, TracksSince, Unconfirmed
 from fusion.checks.warnings import Warning
-from fusion.checks.windows import COMPASS_SILENT_NS, SAME_NUMBER, SILENT_NS, Turns
+from fusion.checks.windows import SAME_NUMBER, Turns
 from fusion.imu.tilt import BiasGain
 from fusion.samples import YawEstimate
 from fusion.state.bias_prior import BiasPrior
@@ -24,9 +25,7 @@ from fusion.state.ekf import Array, Correction, State, Transition, YawEkf
 from fusion.state.learnt_noise import LearntNoise
 from fusion.updates.image_timing import GyroTrail
 from fusion.updates.odometry import OdometryFields, TrackClaim
-from fusion.updates.standstill import Stillness
-
-HIDDEN_RATE = 1e-3  # rad/s; a start shows only after some hundredths of a second, at about 0.01 rad/s
+from fusion.updates.standstill import CREEP_RATE, Stillness
 
 
 @dataclass(slots=True)
@@ -195,13 +194,13 @@ class FilterState:
         """Whether a gyro or tracks speak and are not excluded."""
         turn = self.turns.gyro if sensor is Sensor.GYRO else self.turns.tracks
         spoke = sensor is Sensor.GYRO or self.odometry_fields.pose or self.odometry_fields.twist
-        lately = turn is not None and (self.t_ns or 0) - turn.t_ns <= SILENT_NS
+        lately = turn is not None and (self.t_ns or 0) - turn.t_ns <= RATE_SILENT_NS
         return lately and spoke and not self.isolation.excludes(sensor)
 
     def hears(self, sensor: Sensor) -> bool:
         """Whether a sensor has measured the turning lately."""
         t_ns = self.gates[sensor].accepted_ns
-        silent_ns = COMPASS_SILENT_NS if sensor is Sensor.COMPASS else SILENT_NS
+        silent_ns = SILENT_NS if sensor is Sensor.COMPASS else RATE_SILENT_NS
         lately = t_ns is not None and (self.t_ns or 0) - t_ns <= silent_ns
         return lately and not self.isolation.excludes(sensor)
 
@@ -232,7 +231,7 @@ def estimate_of(state: FilterState) -> YawEstimate | None:
         + state.unconfirmed_variance
         + (state.refusal.variance if state.refusal else 0.0),
         yaw_rate=rate,
-        yaw_rate_variance=float(P[State.RATE, State.RATE]) + (HIDDEN_RATE**2 if standing else 0.0),
+        yaw_rate_variance=float(P[State.RATE, State.RATE]) + (CREEP_RATE**2 if standing else 0.0),
         gyro_bias=float(x[State.BIAS]),
         gyro_bias_variance=float(P[State.BIAS, State.BIAS]),
         track_scale=float(x[State.SCALE]),

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from fusion.buffer.events import Sensor
+from fusion.buffer.events import FOREVER_NS, Sensor
 from fusion.checks.gate import Verdict, gate_limit
 from fusion.config import FusionConfig
 from fusion.state.ekf import Measurement
 
 if TYPE_CHECKING:
     from fusion.state.filter_state import FilterState
-
-FOREVER_NS = 2**63
 
 
 class Gating:

@@ -11,7 +11,8 @@ import numpy as np
 from compass.tilt import beyond_error
 from fusion.buffer.events import GyroEvent, Sensor
 from fusion.checks.gate import Gate, Verdict
-from fusion.checks.windows import FASTEST, SILENT_NS
+from fusion.checks.silence import RATE_SILENT_NS
+from fusion.checks.windows import FASTEST_ROBOT
 from fusion.config import FusionConfig
 from fusion.imu.tilt import TILT_ERROR, BiasGain
 from fusion.samples import GyroSample
@@ -23,7 +24,7 @@ from fusion.updates.gating import Gating
 if TYPE_CHECKING:
     from fusion.state.filter_state import FilterState
 
-VAGUE = 100.0  # times the noise of a gyro sample; from one of that a turn of 1 rad/s would not stand out
+VAGUE_FACTOR = 100.0  # times the noise of a gyro sample; from one of that a turn of 1 rad/s would not stand out
 
 
 class GyroUpdate:
@@ -44,7 +45,7 @@ class GyroUpdate:
     def fuse(self, state: FilterState, event: GyroEvent) -> None:
         """Take in a gyro sample, or find that the robot or the bias has made a jump."""
         sample, refused = event.sample, state.gates[Sensor.GYRO]
-        if refused.report is None or event.t_ns - refused.report.t_ns > SILENT_NS:
+        if refused.report is None or event.t_ns - refused.report.t_ns > RATE_SILENT_NS:
             state.gyro_since_ns = event.t_ns
         if sample.up:
             sample = replace(sample, up=beyond_error(sample.up, TILT_ERROR))
@@ -62,7 +63,7 @@ class GyroUpdate:
             return
         state.turns = state.turns.with_gyro(sample)
         variance = self.sigma(state, sample) ** 2
-        if abs(sample.yaw_rate) > FASTEST:
+        if abs(sample.yaw_rate) > FASTEST_ROBOT:
             return
         measurement = gyro_measurement(
             state.ekf, sample.yaw_rate, variance, scale_observable=state.hears(Sensor.COMPASS)
@@ -103,7 +104,7 @@ class GyroUpdate:
 
     def is_vague(self, sample: GyroSample) -> bool:
         """Whether a sample says next to nothing by its own variance."""
-        return sample.variance is not None and sample.variance > (VAGUE * self._config.gyro_sigma) ** 2
+        return sample.variance is not None and sample.variance > (VAGUE_FACTOR * self._config.gyro_sigma) ** 2
 
     def sigma(self, state: FilterState, sample: GyroSample) -> float:
         """Standard deviation of a sample's noise, rad/s; at rest, where nothing shakes the gyro, as it is seen."""

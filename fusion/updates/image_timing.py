@@ -18,7 +18,7 @@ from fusion.state.ekf import DIM, State, YawEkf
 if TYPE_CHECKING:
     from fusion.state.filter_state import FilterState
 
-LONGEST_NS = 1_000_000_000  # of what the gyro said that is remembered
+TRAIL_NS = 1_000_000_000  # of what the gyro said that is remembered
 SHORTEST_STEP = 0.02  # s; over less the gyro's noise says more of its rate than the rate
 CAUTION = 100.0  # the gyro's noise, as a turn rate that changes, must not drive the delay however long it lasts
 
@@ -65,7 +65,7 @@ class GyroTrail:
         t_ns, rate, up = sample.t_ns, sample.yaw_rate, sample.up
         if not self.t_ns:
             return GyroTrail((t_ns,), (rate,), (0.0,), (up,))
-        first = bisect_left(self.t_ns, t_ns - LONGEST_NS)
+        first = bisect_left(self.t_ns, t_ns - TRAIL_NS)
         turn = self.turns[-1] + 0.5 * (self.rates[-1] + rate) * (t_ns - self.t_ns[-1]) * 1e-9
         return GyroTrail(
             (*self.t_ns[first:], t_ns),

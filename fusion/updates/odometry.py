@@ -15,6 +15,7 @@ from compass import wrap_angle
 from compass.tilt import Vector
 from fusion.buffer.events import Sensor, TracksEvent
 from fusion.checks.gate import Verdict
+from fusion.checks.silence import RATE_SILENT_NS
 from fusion.config import FusionConfig
 from fusion.imu.tilt import heading_gain
 from fusion.samples import OdometrySample
@@ -29,7 +30,6 @@ if TYPE_CHECKING:
 LEAST_OTHERS = 0.05  # share of an innovation's variance that is no slip, at least: what correlations hide of it
 STAMPS_APART = 4.0  # times by how much they may be off, between odometry samples whose difference in yaw is a turn rate
 TRACK_MEMORY = 300.0  # turns of the tracks; some minutes
-LONGEST_GAP_NS = 500_000_000  # between odometry samples whose rates are integrated
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,7 +95,7 @@ class TrackClaim:
         if mode == "pose" and sample.yaw is not None and self.reference.yaw is not None:
             return sample.yaw - self.reference.yaw, True
         gap_ns = sample.t_ns - self.last.t_ns
-        return (self.turn + sample.yaw_rate * gap_ns * 1e-9 if gap_ns <= LONGEST_GAP_NS else None), False
+        return (self.turn + sample.yaw_rate * gap_ns * 1e-9 if gap_ns <= RATE_SILENT_NS else None), False
 
 
 class OdometryUpdate:

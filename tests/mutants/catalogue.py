@@ -359,8 +359,8 @@ MUTANTS = (
     Mutant(
         "standstill-at-once",
         "fusion/updates/standstill.py",
-        "SHORTEST_NS = 500_000_000",
-        "SHORTEST_NS = 20_000_000",
+        "SHORTEST_STANDSTILL_NS = 500_000_000",
+        "SHORTEST_STANDSTILL_NS = 20_000_000",
         _tests("test_standstill::test_standstill_takes_half_a_second_of_quiet"),
     ),
     Mutant(
@@ -373,8 +373,8 @@ MUTANTS = (
     Mutant(
         "standstill-in-spite-of-motion",
         "fusion/updates/standstill.py",
-        "CLEAR = 4.0",
-        "CLEAR = 40.0",
+        "MOTION_SIGMAS = 4.0",
+        "MOTION_SIGMAS = 40.0",
         _tests("test_standstill::test_gyro_sample_beyond_its_noise_ends_a_standstill"),
     ),
     Mutant(
@@ -474,7 +474,7 @@ MUTANTS = (
     Mutant(
         "tracks-of-a-level-robot",
         "fusion/imu/tilt.py",
-        "return up[2] / level if level >= STEEPEST else 1.0",
+        "return up[2] / level if level >= STEEPEST_SQUARED else 1.0",
         "return 1.0",
         _tests("test_tilt::test_tracks_poses_and_rates_become_the_headings"),
     ),
