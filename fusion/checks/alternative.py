@@ -14,6 +14,7 @@ from fusion.checks.windows import Claim, Window
 ALTERNATIVE_PROBABILITY = {Sensor.GYRO: 0.25, Sensor.COMPASS: 0.25, Sensor.TRACKS: 0.15}
 # The same of tracks against a view that was found again across a gap, twice: they slip and get lifted, it seldom errs.
 FOUND_AGAIN_PROBABILITY = 0.1
+# Not derived: `LONGEST_ROW_NS`, `AGREEING`, `UNDECIDED`.
 LONGEST_ROW_NS = 1_000_000_000  # after a window a contradiction is taken to go on for, until the next one is judged
 AGREEING = 0.4  # of the way from one to the other; a third as near to one takes its side
 UNDECIDED = 0.4  # of the way, standard deviation: nor with less does it know where between the two it is

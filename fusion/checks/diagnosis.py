@@ -17,6 +17,7 @@ from fusion.checks.time_offset import TimeOffset
 from fusion.checks.warnings import Warning
 from fusion.checks.windows import Window
 
+# Not derived: `SIGN`, `EXPLAINED`, `SEVERAL`.
 SIGN = 0.4  # ratios this near to -1 are a sign
 EXPLAINED = 0.6  # of the squared contradictions, by one number
 SEVERAL = 3  # windows that distinguish a bias or a time offset from a scale

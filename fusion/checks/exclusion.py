@@ -9,7 +9,7 @@ from fusion.buffer.events import Sensor
 from fusion.checks.contradiction import GROSS
 from fusion.checks.windows import Claim, Window
 
-CHANGED = 0.1  # rad/s in a window; who errs at less errs at a steady rate, too
+CHANGED = 0.1  # rad/s in a window; who errs at less errs at a steady rate, too; not derived
 
 
 def fits_anything(sensor: Sensor, turn_rate: float, window: Window) -> bool:

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from fusion.checks.silence import SILENT_NS
 from fusion.checks.warnings import Warning
 
+# Not derived: `PATIENCE_NS`, `MOST_GAPS`.
 PATIENCE_NS = 500_000_000  # in which a late sample may fall into the gap, or an increment reach across it
 MOST_GAPS = 100  # gaps that are remembered
 

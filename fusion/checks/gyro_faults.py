@@ -10,7 +10,7 @@ from fusion.checks.windows import Claim, Window
 
 RADIANS = (45.0, 72.0)  # ratio of turns that only degrees taken for radians explain: 57.3 but for a quarter
 TURNED = 0.02  # rad in a window; a ratio to less says nothing
-MOST_BIAS = 1.0  # rad/s; what is beyond is no bias
+MOST_BIAS = 1.0  # rad/s; what is beyond is no bias; not derived
 
 
 def surely_gyro(window: Window, turn: float) -> bool:

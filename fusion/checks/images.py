@@ -13,6 +13,7 @@ from fusion.checks.warnings import Warning
 if TYPE_CHECKING:
     from compass import VisualCompass
 
+# Not derived: `EMPTY_SHARE`, `FEWEST_IMAGES`, `CUT_SHARE`.
 EMPTY_SHARE = 0.5  # of the last images; a single dark one is no fault
 FEWEST_IMAGES = 10  # images before a share of them says anything
 

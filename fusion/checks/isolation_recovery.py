@@ -13,6 +13,7 @@ from fusion.checks.gyro_faults import TURNED, rebias, surely_gyro
 from fusion.checks.isolation import Isolation, Judged, Remedy
 from fusion.checks.windows import Claim, Window
 
+# Not derived: `TIMED`, `LONGEST_DELAY`, `SUSTAINED`.
 TIMED = 0.95  # of squared contradictions, explained by a time offset
 LONGEST_DELAY = 0.3  # s; no camera's driver takes longer than that longer than before
 SUSTAINED = 1.5  # of the last window's contradiction that they must sum up to, not to be one wrong match

@@ -12,6 +12,7 @@ from fusion.checks.isolation import Isolation, Judged, Remedy
 from fusion.checks.isolation_recovery import as_it_was, judge_excluded, settle_alternatives, with_window
 from fusion.checks.windows import Claim, Window
 
+# Not derived: `LONG`, `STUCK`, `SLIPPED_ON`.
 LONG = 6.0  # s; in longer ones errors that last are no noise any more
 STUCK = 0.2  # ratio of turns; less is no scale factor
 SLIPPED_ON = 3  # windows; tracks that slip for longer do not see the robot turn

@@ -8,6 +8,7 @@ from compass import YawIncrement
 from fusion.buffer.events import Sensor
 from fusion.checks.alternative import ALTERNATIVE_PROBABILITY
 
+# Not derived: `GREW`, `REPEATED`.
 GREW = 1.5  # times the first innovation: not one wrong match, but rates that differ
 
 REPEATED = 0.2  # of the first innovation, by which another may differ: meanwhile the robot may turn on

@@ -19,6 +19,7 @@ PERIOD_GAPS = 20  # gaps that a sensor's period is the median of; not derived
 FEWEST_GAPS = 5  # of them before it is known
 MISSING = 5  # periods without a sample are no jitter; not derived
 OFTEN = 3  # such pauses, within
+# Not derived: `PAUSES_NS`.
 PAUSES_NS = 10_000_000_000
 
 

@@ -18,6 +18,7 @@ from fusion.checks.faulty import is_frequent
 from fusion.checks.silence import PERIOD_GAPS, SILENT_NS
 from fusion.checks.warnings import Warning
 
+# Not derived: `LONE_NS`, `MAJORITY_NS`, `ABANDONED_NS`, `STAMPS_NS`.
 LONE_NS = 200_000_000  # of stamps by the only sensor there is
 MAJORITY_NS = 800_000_000  # by two of three
 ABANDONED_NS = 5_000_000_000  # by anyone, while nobody is left at the time that was

@@ -16,6 +16,7 @@ import numpy.typing as npt
 from fusion.buffer.events import Sensor
 from fusion.checks.windows import Window
 
+# Not derived: `HISTORY`, `EVERY_WINDOWS`, `FEWEST_WINDOWS`, `RICH`, `LEFT`, `DISTINCT`.
 HISTORY = 80  # windows of half a second that are remembered
 EVERY_WINDOWS = 8  # windows; so often they are correlated
 FEWEST_WINDOWS = 20  # windows that two sensors must have in common at a lag

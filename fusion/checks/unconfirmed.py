@@ -27,7 +27,7 @@ from fusion.samples import OdometrySample
 
 ALIKE = 0.2  # of a turn; by less two that measure it need not differ to agree; not derived
 ALIKE_TURN = 1e-3  # rad, nor by less than the steps of an encoder
-WELL_WITHIN = 0.5  # standard deviations; what is forgotten at each agreement adds up
+WELL_WITHIN = 0.5  # standard deviations; what is forgotten at each agreement adds up; not derived
 SLIP = 1.0  # standard deviations; by less slip what images, without a gyro, measure more exactly
 # Of what is unconfirmed, squared, where nobody else speaks: a sign reversed is twice as wrong, and stays within three
 # sigmas.

@@ -17,6 +17,7 @@ from fusion.state.ekf import State, YawEkf
 from fusion.updates.standstill import CompassTurn
 
 WINDOW_NS = 500_000_000  # not derived
+# Not derived: `LONGEST_WINDOW_NS`, `LONGEST_GAP`, `BEYOND`, `SAME_NUMBER`.
 LONGEST_WINDOW_NS = 5_000_000_000  # a sensor's integral over longer says more of its noise than of the turn
 
 LONGEST_GAP = 0.4  # of a window, in which an integrated sensor may have been silent and still be a witness

@@ -8,7 +8,7 @@ from compass.tilt import Vector
 from fusion.checks.silence import RATE_SILENT_NS
 from fusion.imu.vectors import cross, dot, turned, unit, vector
 
-_YOUNG = 3.0  # s; from less a start would be taken for a bias
+_YOUNG = 3.0  # s; from less a start would be taken for a bias; not derived
 # What gravity measures in the units that drivers use; milli-g and cm/s^2 differ by less than accelerometers err.
 _UNITS = ((9.80665, "m/s^2"), (1.0, "g"), (1000.0, "milli-g or cm/s^2"), (9806.65, "mm/s^2"))
 # A cheap accelerometer errs by 0.5 m/s^2 and 3 %, a robot's own acceleration by little once averaged.

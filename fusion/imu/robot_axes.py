@@ -18,6 +18,7 @@ _ALIGNED = (
     (math.cos(math.radians(10.0)), 1.0, 0.1 / math.radians(2.0)),
     (math.cos(math.radians(35.0)), math.cos(math.radians(18.0)), 0.1),
 )
+# Not derived: `_TURNING`, `_MOSTLY`.
 _TURNING = 0.3  # rad/s; slower, and the gyro's bias counts
 _MOSTLY = 0.7  # of the rate is about the vertical when a robot turns; else it tips over an edge
 

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 JITTERS = tuple(1e-4 * 10.0 ** (k / 4.0) for k in range(12))  # s, 0.1 to 56 ms of timestamp jitter
+# Not derived: `JITTER_MEMORY`, `JITTER_TAIL`, `FACTOR_TAIL`.
 JITTER_MEMORY = 300  # images while turning
 JITTER_TAIL = 10.0  # degrees of freedom of their innovations, which have other reasons, too
 FACTORS = tuple(2.0 ** (k / 2.0) for k in range(-8, 5))  # 1/16 to 4, on what is configured

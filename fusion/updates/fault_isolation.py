@@ -20,7 +20,7 @@ from fusion.state.ekf import Measurement, State
 from fusion.state.filter_state import FilterState
 from fusion.updates.image_timing import GyroTrail, exposure_of
 
-JUMPED_BIAS = 0.01  # rad/s; one that has jumped is no longer as its driver had calibrated it
+JUMPED_BIAS = 0.01  # rad/s; one that has jumped is no longer as its driver had calibrated it; not derived
 
 
 class FaultIsolation:

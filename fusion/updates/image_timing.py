@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 TRAIL_NS = 1_000_000_000  # of what the gyro said that is remembered
 SHORTEST_STEP = 0.02  # s; over less the gyro's noise says more of its rate than the rate
+# Not derived: `CAUTION`.
 CAUTION = 100.0  # the gyro's noise, as a turn rate that changes, must not drive the delay however long it lasts
 
 

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from fusion.state.filter_state import FilterState
     from fusion.updates.fault_isolation import FaultIsolation
 
+# Not derived: `LEAST_OTHERS`, `STAMPS_APART`, `TRACK_MEMORY`.
 LEAST_OTHERS = 0.05  # share of an innovation's variance that is no slip, at least: what correlations hide of it
 STAMPS_APART = 4.0  # times by how much they may be off, between odometry samples whose difference in yaw is a turn rate
 TRACK_MEMORY = 300.0  # turns of the tracks; some minutes

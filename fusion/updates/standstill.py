@@ -25,6 +25,8 @@ if TYPE_CHECKING:
     from fusion.state.filter_state import FilterState
     from fusion.updates.gyro import GyroUpdate
 
+# Not derived: `RESOLUTION`, `SHORTEST_STANDSTILL_NS`, `DYING_NS`, `UNKNOWN_TRACK_NOISE`, `RESTING`, `RECENT`,
+# `BLIND`, `MOTION_SIGMAS`.
 RESOLUTION = 0.0005  # rad/s; slower turns are left to the filter, which goes on estimating the rate
 SHORTEST_STANDSTILL_NS = 500_000_000  # of quiet before it is called standstill
 DYING_NS = 100_000_000  # in which the rest of a motion dies away after its last sign
