@@ -217,7 +217,7 @@ MUTANTS = (
     Mutant(
         "yaw-variance-does-not-add-up",
         "compass/visual_compass.py",
-        "self._keyframe_variance + variance",
+        "keyframe.variance + variance",
         "variance",
         _tests("test_compass_keyframe::test_no_spread_allowed_compares_each_image_with_the_one_before"),
     ),
