@@ -17,6 +17,8 @@ NONSENSE_RATE = 1e3  # m/s and rad/s; a driver's nonsense beyond it could overfl
 class Sensor(Enum):
     """Where samples come from."""
 
+    __hash__ = object.__hash__  # an enumeration's own is Python, and asked for a dozen times a sample
+
     GYRO = "gyro"
     TRACKS = "tracks"
     COMPASS = "compass"

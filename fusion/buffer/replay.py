@@ -104,10 +104,7 @@ class Timeline(Generic[E, S]):
 
     def _forget(self) -> None:
         """Drop events that have left the window; the state after them is what a replay starts from."""
-        oldest_ns = self._events[-1].t_ns - self._window_ns
-        count = 0
-        while self._events[count].t_ns < oldest_ns:
-            count += 1
+        count = bisect_left(self._orders, (self._events[-1].t_ns - self._window_ns,))
         if count > 64:  # in batches, as deleting from the front of a list moves the rest
             self._base = self._states[count - 1]
             del self._orders[:count], self._events[:count], self._states[:count]
