@@ -78,6 +78,10 @@ class Timeline(Generic[E, S]):
         place = bisect_left(self._orders, event.order)
         return place < len(self._orders) and self._orders[place] == event.order
 
+    def after(self, t_ns: int) -> list[E]:
+        """The events later than `t_ns`, ns."""
+        return self._events[bisect_left(self._orders, (t_ns + 1,)) :]
+
     def add(self, event: E) -> Arrival:
         """Apply an event at its own time."""
         if self._newest_ns is not None and event.t_ns < self._newest_ns - self._window_ns:
