@@ -137,6 +137,11 @@ def prepare_strip(
     return Strip(t_ns, small, contrast, image.shape, above * per_row, merged * per_row, seen, means, up)
 
 
+def rows_used(config: CompassConfig) -> float:
+    """Share of an image's height, from the top, below which nothing matters to the strip."""
+    return config.roi_bottom
+
+
 def _without_row_means(pixels: Pixels, seen: Seen | None) -> tuple[Pixels, Pixels]:
     """Take the mean of what is seen out of each row, in place; zero what is not seen. Gives the means, too."""
     if seen is None:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from compass.images.strip import rows_used
 from fusion.offline.atomic_output import staged_folder
 from fusion.offline.bag import Bag, BagError
 from fusion.offline.console import progress_bar
@@ -63,6 +64,7 @@ def fuse_bag(
         with staged_folder(out, OPTIONAL) as staging:
             with progress_bar("reading samples") as progress:
                 recording = read_recording(bag, choice, settings.imu, settings.compass.columns, progress)
+            recording.bottom = rows_used(settings.compass)
             with progress_bar("fusing") as progress:
                 run = fuse_recording(recording, settings, progress)
             if not run.rows:

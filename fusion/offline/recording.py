@@ -57,6 +57,8 @@ class BagRecording:
         The topics it came from.
     columns : int
         Width the compass works at; frames are decoded no larger than it needs.
+    bottom : float
+        Share of the frames' height, from the top, that is looked at; the rest may be left black.
     gyro, odometry, truth
         As read; empty tracks where there is no topic.
     vertical : str
@@ -85,6 +87,7 @@ class BagRecording:
     vertical_words: str = ""
     witnesses: Sequence[Recorded] = ()
     within: Span | None = None
+    bottom: float = 1.0
 
     @property
     def warnings(self) -> list[Warning]:
@@ -164,7 +167,7 @@ class BagRecording:
         if t_ns <= 0:
             return None, "header.stamp is zero or negative"
         try:
-            image, encoding = image_of(message, self.columns)
+            image, encoding = image_of(message, self.columns, self.bottom)
         except ImageError as error:
             return None, str(error)
         return Frame(t_ns, image, encoding), ""
