@@ -25,7 +25,11 @@ ROOMS = {
     "fusion/offline": NUMERICS | {"compass", "fusion", "rosbags", "matplotlib", "click", "rich", "yaml"},
 }
 # parameter files are read by the one and written by the other
-ALSO = {"fusion/bounded_yaml.py": {"yaml"}, "fusion/settings.py": {"yaml"}}
+ALSO = {
+    "fusion/bounded_yaml.py": {"yaml"},
+    "fusion/settings.py": {"yaml"},
+    "fusion/offline/video_file.py": {"av", "telemetry_parser"},
+}
 NEVER = {
     "compass": ("fusion",),
     "compass/images": ("fusion", "compass.methods", "compass.features"),

@@ -9,11 +9,15 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import click
 
 from compass.errors import VisualCompassError
+from fusion.offline.sensor_options import sensor_file_options
+
+if TYPE_CHECKING:
+    from fusion.offline.image_files import SensorFiles
 
 # Our matrices are small: more BLAS threads than one only wait for each other. Before numpy is imported, and inherited.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -49,6 +53,7 @@ def _topic_options(command: Command) -> Command:
 @click.option("--out", type=_PATH, metavar="DIR", help="Folder for the results  [default: ./<bag>_yaw]")
 @click.option("--config", type=_PATH, metavar="YAML", help="Parameters in ROS form; see config/visual_compass.yaml.")
 @click.option("--smooth", is_flag=True, help="Add the fixed-interval (RTS) smoother.")
+@sensor_file_options
 @_topic_options
 def fuse(
     bag: Path,
@@ -59,14 +64,20 @@ def fuse(
     gyro: str | None,
     odometry: str | None,
     truth: str | None,
+    sensors: SensorFiles,
 ) -> None:
-    """Fuse BAG (ROS 1, rosbag2 sqlite3 or MCAP) and write yaw.csv, *.tum, result.mcap, summary.json and yaw.png."""
+    """Fuse BAG (ROS 1, rosbag2 sqlite3 or MCAP) and write yaw.csv, *.tum, result.mcap, summary.json and yaw.png.
+
+    BAG may be a video, too, or a folder of images with a times.csv (file; t in s, or t_ns).
+    """
     from fusion.offline.fuse import fuse_bag
     from fusion.offline.summary import remarks, warning_lines, yaw_table
     from fusion.offline.topics import TopicRequest
     from fusion.settings import load_settings
 
-    fused = fuse_bag(bag, out, load_settings(config), TopicRequest(image, gyro, odometry, truth), smooth=smooth)
+    fused = fuse_bag(
+        bag, out, load_settings(config), TopicRequest(image, gyro, odometry, truth), smooth=smooth, sensors=sensors
+    )
     click.echo(yaw_table(fused.summary))
     for line in (*warning_lines(fused.summary["warnings"]), *remarks(fused.summary)):
         click.echo(line)

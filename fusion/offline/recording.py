@@ -8,6 +8,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import islice
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -90,6 +91,18 @@ class BagRecording:
             told += [f"{count} unusable: {reason}" for reason, count in dropped.items()]
         lost = [Warning("samples_lost", "recording", since_ns, "; ".join(told))] if told else []
         return most_serious_first([*self.found, *lost])
+
+    @property
+    def path(self) -> Path:
+        """The bag."""
+        return self.bag.path
+
+    @property
+    def topics(self) -> dict[str, str | None]:
+        """The topic of each sensor."""
+        choice = self.choice
+        named = (("image", choice.image), ("gyro", choice.gyro), ("odometry", choice.odometry), ("truth", choice.truth))
+        return {role: topic.name if topic else None for role, topic in named}
 
     @property
     def frame_count(self) -> int:

@@ -12,7 +12,7 @@ from compass import CompassStatus
 from fusion.buffer.events import Sensor
 from fusion.imu.tilt import tilt_angle
 from fusion.offline.console import table
-from fusion.offline.recording import BagRecording
+from fusion.offline.open_recording import FileRecording
 from fusion.offline.run import FusedRun
 from fusion.offline.scores import scores, yaw_tracks
 from fusion.offline.streams import GyroTrack
@@ -24,7 +24,7 @@ SMALL_DELAY = 0.005  # s, as much as stamps stray anyway
 SMALL_LEAN = 8.0  # deg; such a lean changes a heading by 0.3 deg
 
 
-def summarise(run: FusedRun, recording: BagRecording) -> dict[str, Any]:
+def summarise(run: FusedRun, recording: FileRecording) -> dict[str, Any]:
     """The facts of a run, ready for JSON: angles in deg where the key says so, else rad."""
     tracks, scored = yaw_tracks(run), scores(run)
     t_ns = run.t_ns
@@ -44,11 +44,8 @@ def summarise(run: FusedRun, recording: BagRecording) -> dict[str, Any]:
     last = next((row.fused for row in reversed(run.rows) if row.fused), None)
     return {
         "warnings": warning_facts(run),
-        "bag": str(recording.bag.path),
-        "topics": {
-            role: topic.name if (topic := getattr(recording.choice, role)) else None
-            for role in ("image", "gyro", "odometry", "truth")
-        },
+        "bag": str(recording.path),
+        "topics": recording.topics,
         "start_ns": int(t_ns[0]) if t_ns.size else None,
         "duration_s": float((t_ns[-1] - t_ns[0]) * 1e-9) if t_ns.size else 0.0,
         "gyro_vertical": recording.vertical,
