@@ -22,6 +22,7 @@ from compass.images.strip import Strip, prepare_strip
 from compass.increment import CompassStatus, YawIncrement
 from compass.methods.match import Match, Search
 from compass.methods.registry import find_method
+from compass.stamps import whole_ns
 from compass.tilt import Tilted, Vector, beyond_error
 from compass.unmeasured_turn import LostTurn, LostTurns
 
@@ -128,8 +129,10 @@ class VisualCompass:
         ------
         ImageError
             `image` is no image at all (shape or type).
+        StampError
+            `t_ns` is no whole number, as seconds are.
         """
-        t_ns = int(t_ns)
+        t_ns = whole_ns(t_ns)
         self.history.stamped(t_ns, self._newest.t_ns if self._newest else None)
         increment = self._update(t_ns, image, encoding)
         self.counts[self.status] += 1

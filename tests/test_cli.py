@@ -250,7 +250,7 @@ def test_fuse_into_a_read_only_place_is_one_line(tmp_path, tiny_bag, capsys):
 
 
 def test_unknown_errors_keep_their_traceback(tiny_bag, tmp_path, monkeypatch):
-    monkeypatch.setattr("fusion.offline.fuse.summarise", lambda *_: 1 / 0)
+    monkeypatch.setattr("fusion.offline.fuse_bag.summarise", lambda *_: 1 / 0)
     with pytest.raises(ZeroDivisionError):
         main(["fuse", str(tiny_bag), "--out", str(tmp_path / "out")])
     assert list(tmp_path.iterdir()) == []
@@ -264,8 +264,8 @@ def test_fuse_interrupted_leaves_nothing(tmp_path, number):
     place = tmp_path / "place"
     place.mkdir()
     code = (
-        "import sys, time, fusion.offline.fuse; from fusion.offline.cli import main;"
-        "fusion.offline.fuse.summarise = lambda *_, **__: time.sleep(600);"
+        "import sys, time, fusion.offline.fuse_bag; from fusion.offline.cli import main;"
+        "fusion.offline.fuse_bag.summarise = lambda *_, **__: time.sleep(600);"
         "sys.exit(main(sys.argv[1:]))"
     )
     command = [sys.executable, "-c", code, "fuse", str(tmp_path / "long"), "--out", str(place / "out")]

@@ -15,7 +15,7 @@ from tiny_bags import START_NS, TinyBag, TinyDrive
 
 from fusion.offline import plot
 from fusion.offline.cli import main
-from fusion.offline.fuse import fuse_bag
+from fusion.offline.fuse_bag import fuse_bag
 from fusion.offline.scores import COMPASS, FUSED, YawTrack, errors
 from fusion.offline.streams import TruthTrack
 from fusion.settings import Settings

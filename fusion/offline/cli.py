@@ -70,7 +70,7 @@ def fuse(
 
     BAG may be a video, too, or a folder of images with a times.csv (file; t in s, or t_ns).
     """
-    from fusion.offline.fuse import fuse_bag
+    from fusion.offline.fuse_bag import fuse_bag
     from fusion.offline.summary import remarks, warning_lines, yaw_table
     from fusion.offline.topics import TopicRequest
     from fusion.settings import load_settings

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from fusion.offline.console import progress_bar
-from fusion.offline.fuse import Fused, fuse_bag
+from fusion.offline.fuse_bag import Fused, fuse_bag
 from fusion.offline.simulated import record_drive
 from fusion.settings import Settings
 from fusion.simulation import EXPERIMENTS, simulate

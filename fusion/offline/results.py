@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -47,6 +47,15 @@ COLUMNS = (
 
 def write_csv(path: Path, run: FusedRun) -> None:
     """One line per row, `t` in s, angles in rad; the truth and what smoothing gave in last columns where known."""
+    columns, rows = table_of(run)
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, columns, restval="", lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(rows)
+
+
+def table_of(run: FusedRun) -> tuple[list[str], Iterator[dict[str, str]]]:
+    """The columns of yaw.csv, and its rows as text; what is unknown is left out."""
     more: dict[str, Floats] = {}
     if any(row.smoothed for row in run.rows):
         estimates = [
@@ -56,11 +65,11 @@ def write_csv(path: Path, run: FusedRun) -> None:
         more["smoothed_yaw"], more["smoothed_sigma"] = np.array(estimates).T
     if run.truth is not None:
         more["truth_yaw"] = _true_yaws(run.truth, run.t_ns)
-    with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, [*COLUMNS, *more], restval="", lineterminator="\n")
-        writer.writeheader()
-        for index, row in enumerate(run.rows):
-            writer.writerow(row_cells(row) | {name: _cell(values[index]) for name, values in more.items()})
+    rows = (
+        row_cells(row) | {name: _cell(values[index]) for name, values in more.items()}
+        for index, row in enumerate(run.rows)
+    )
+    return [*COLUMNS, *more], rows
 
 
 def row_cells(row: Row) -> dict[str, str]:

@@ -12,7 +12,7 @@ from fusion.offline.atomic_output import staged_folder
 from fusion.offline.bag import BagError
 from fusion.offline.console import progress_bar
 from fusion.offline.image_files import SensorFiles
-from fusion.offline.open_recording import open_recording
+from fusion.offline.open_recording import Read, open_recording
 from fusion.offline.plot import plot_run
 from fusion.offline.results import OPTIONAL, write_results
 from fusion.offline.run import FusedRun, fuse_recording, smooth_run
@@ -65,20 +65,32 @@ def fuse_bag(
     """
     out = out or Path(f"{path.resolve().stem}_yaw")
     with open_recording(path, settings, request, sensors) as read, staged_folder(out, OPTIONAL) as staging:
-        with progress_bar("reading samples") as progress:
-            recording = read(progress)
-        with progress_bar("fusing") as progress:
-            run = fuse_recording(recording, settings, progress)
-        if not run.rows:
-            raise BagError(f"{path}: no sample was usable: {_reasons(recording.dropped + run.fusion_counts)}")
-        if smooth:
-            smooth_run(run, settings)
-        summary = summarise(run, recording)
+        run, summary = fuse_opened(path, read, settings, smooth=smooth)
         write_results(staging, run, settings, summary)
         plot_run(run, staging / "yaw.png", f"{path.name}: yaw")
+    return Fused(out, run, summary)
+
+
+def fuse_opened(path: Path, read: Read, settings: Settings, *, smooth: bool = False) -> tuple[FusedRun, dict[str, Any]]:
+    """The run and the summary of a recording that is open; nothing is written.
+
+    Raises
+    ------
+    VisualCompassError
+        It is damaged, or none of its samples can be used.
+    """
+    with progress_bar("reading samples") as progress:
+        recording = read(progress)
+    with progress_bar("fusing") as progress:
+        run = fuse_recording(recording, settings, progress)
+    if not run.rows:
+        raise BagError(f"{path}: no sample was usable: {_reasons(recording.dropped + run.fusion_counts)}")
+    if smooth:
+        smooth_run(run, settings)
+    summary = summarise(run, recording)
     for reason, count in recording.dropped.items():
         log.warning("%d unusable: %s", count, reason)
-    return Fused(out, run, summary)
+    return run, summary
 
 
 def _reasons(counts: Counter[str]) -> str:
