@@ -29,6 +29,7 @@ ALSO = {
     "fusion/bounded_yaml.py": {"yaml"},
     "fusion/settings.py": {"yaml"},
     "fusion/offline/video_file.py": {"av", "telemetry_parser"},
+    "fusion/offline/library.py": {"pandas"},
 }
 NEVER = {
     "compass": ("fusion",),
