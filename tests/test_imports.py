@@ -23,6 +23,7 @@ ROOMS = {
     "fusion/imu": {"numpy", "compass", "fusion"},
     "fusion/simulation": NUMERICS | {"compass", "fusion", "platformdirs"},
     "fusion/offline": NUMERICS | {"compass", "fusion", "rosbags", "matplotlib", "click", "rich", "yaml"},
+    "fusion/offline/report": NUMERICS | {"compass", "fusion", "bokeh", "click"},
 }
 # parameter files are read by the one and written by the other
 ALSO = {

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, TypeVar
 import click
 
 from compass.errors import VisualCompassError
+from fusion.offline.report.command import report
 from fusion.offline.sensor_options import sensor_file_options
 
 if TYPE_CHECKING:
@@ -53,6 +54,9 @@ def _topic_options(command: Command) -> Command:
 @click.option("--out", type=_PATH, metavar="DIR", help="Folder for the results  [default: ./<bag>_yaw]")
 @click.option("--config", type=_PATH, metavar="YAML", help="Parameters in ROS form; see config/visual_compass.yaml.")
 @click.option("--smooth", is_flag=True, help="Add the fixed-interval (RTS) smoother.")
+@click.option(
+    "--report", "with_report", is_flag=True, help="Add report.html: everything zoomable on one page, without network."
+)
 @sensor_file_options
 @_topic_options
 def fuse(
@@ -60,6 +64,7 @@ def fuse(
     out: Path | None,
     config: Path | None,
     smooth: bool,
+    with_report: bool,
     image: str | None,
     gyro: str | None,
     odometry: str | None,
@@ -75,9 +80,8 @@ def fuse(
     from fusion.offline.topics import TopicRequest
     from fusion.settings import load_settings
 
-    fused = fuse_bag(
-        bag, out, load_settings(config), TopicRequest(image, gyro, odometry, truth), smooth=smooth, sensors=sensors
-    )
+    topics = TopicRequest(image, gyro, odometry, truth)
+    fused = fuse_bag(bag, out, load_settings(config), topics, smooth=smooth, sensors=sensors, report=with_report)
     click.echo(yaw_table(fused.summary))
     for line in (*warning_lines(fused.summary["warnings"]), *remarks(fused.summary)):
         click.echo(line)
@@ -242,6 +246,9 @@ def demo(out: Path) -> None:
     for line in warning_lines(fused.summary["warnings"]):
         click.echo(line)
     click.echo(f"bag {out / 'demo.mcap'}, results in {fused.folder}/, plot {fused.folder / 'yaw.png'}")
+
+
+cli.add_command(report)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

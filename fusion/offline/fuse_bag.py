@@ -14,6 +14,9 @@ from fusion.offline.console import progress_bar
 from fusion.offline.image_files import SensorFiles
 from fusion.offline.open_recording import Read, open_recording
 from fusion.offline.plot import plot_run
+from fusion.offline.report.page import FILE as REPORT
+from fusion.offline.report.page import check_bokeh, write_report
+from fusion.offline.report.thumbnails import Thumbnails
 from fusion.offline.results import OPTIONAL, write_results
 from fusion.offline.run import FusedRun, fuse_recording, smooth_run
 from fusion.offline.summary import summarise
@@ -40,6 +43,7 @@ def fuse_bag(
     *,
     smooth: bool = False,
     sensors: SensorFiles | None = None,
+    report: bool = False,
 ) -> Fused:
     """Fuse a bag, a video or a folder of images and write the results.
 
@@ -57,6 +61,8 @@ def fuse_bag(
         Whether to add the yaw that knows the future.
     sensors : SensorFiles, optional
         CSV files of the other sensors, beside a video or a folder of images.
+    report : bool
+        Whether to write ``report.html``, too.
 
     Raises
     ------
@@ -64,15 +70,24 @@ def fuse_bag(
         The bag or the place for the results cannot be used; nothing is written then.
     """
     out = out or Path(f"{path.resolve().stem}_yaw")
+    pictures: list[Thumbnails] = []
+    if report:
+        check_bokeh()
     with open_recording(path, settings, request, sensors) as read, staged_folder(out, OPTIONAL) as staging:
-        run, summary = fuse_opened(path, read, settings, smooth=smooth)
+        run, summary = fuse_opened(path, read, settings, smooth=smooth, pictures=pictures if report else None)
         write_results(staging, run, settings, summary)
         plot_run(run, staging / "yaw.png", f"{path.name}: yaw")
+        if report:
+            write_report(staging / REPORT, run, summary, path.name, *pictures)
     return Fused(out, run, summary)
 
 
-def fuse_opened(path: Path, read: Read, settings: Settings, *, smooth: bool = False) -> tuple[FusedRun, dict[str, Any]]:
+def fuse_opened(
+    path: Path, read: Read, settings: Settings, *, smooth: bool = False, pictures: list[Thumbnails] | None = None
+) -> tuple[FusedRun, dict[str, Any]]:
     """The run and the summary of a recording that is open; nothing is written.
+
+    A list of `pictures` gets the recording's thumbnails.
 
     Raises
     ------
@@ -82,7 +97,10 @@ def fuse_opened(path: Path, read: Read, settings: Settings, *, smooth: bool = Fa
     with progress_bar("reading samples") as progress:
         recording = read(progress)
     with progress_bar("fusing") as progress:
-        run = fuse_recording(recording, settings, progress)
+        watched = recording if pictures is None else Thumbnails(recording)
+        run = fuse_recording(watched, settings, progress)
+    if pictures is not None and isinstance(watched, Thumbnails):
+        pictures.append(watched)
     if not run.rows:
         raise BagError(f"{path}: no sample was usable: {_reasons(recording.dropped + run.fusion_counts)}")
     if smooth:
