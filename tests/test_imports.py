@@ -23,7 +23,7 @@ ROOMS = {
     "fusion/imu": {"numpy", "compass", "fusion"},
     "fusion/simulation": NUMERICS | {"compass", "fusion", "platformdirs"},
     "fusion/offline": NUMERICS | {"compass", "fusion", "rosbags", "matplotlib", "click", "rich", "yaml"},
-    "fusion/offline/report": NUMERICS | {"compass", "fusion", "bokeh", "click"},
+    "fusion/offline/report": NUMERICS | {"compass", "fusion", "bokeh"},
 }
 # parameter files are read by the one and written by the other
 ALSO = {
@@ -31,6 +31,7 @@ ALSO = {
     "fusion/settings.py": {"yaml"},
     "fusion/offline/video_file.py": {"av", "telemetry_parser"},
     "fusion/offline/library.py": {"pandas"},
+    "fusion/offline/allan.py": {"allantools"},
 }
 NEVER = {
     "compass": ("fusion",),

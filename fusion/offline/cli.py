@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, TypeVar
 import click
 
 from compass.errors import VisualCompassError
-from fusion.offline.report.command import report
+from fusion.offline.commands import allan, report
 from fusion.offline.sensor_options import sensor_file_options
 
 if TYPE_CHECKING:
@@ -248,7 +248,8 @@ def demo(out: Path) -> None:
     click.echo(f"bag {out / 'demo.mcap'}, results in {fused.folder}/, plot {fused.folder / 'yaw.png'}")
 
 
-cli.add_command(report)
+for _command in (report, allan):
+    cli.add_command(_command)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
