@@ -117,7 +117,9 @@ def allan_curve(samples: Floats, rate_hz: float) -> AllanCurve:
     variance = deviation**2
     weight = np.sqrt(seconds / tau) / variance
     terms = np.stack([1.0 / tau, np.full(tau.size, FLICKER**2), tau / 3.0], axis=1)
-    fitted, _ = optimize.nnls(terms * weight[:, None], variance * weight)
+    fitted, _ = optimize.nnls(  # type: ignore[attr-defined, unused-ignore]
+        terms * weight[:, None], variance * weight
+    )
     lowest = int(np.argmin(deviation))
     # a walk shows where it makes up half of the variance somewhere within the curve
     shows = bool((fitted[2] * terms[:, 2] > 0.5 * terms @ fitted).any())
