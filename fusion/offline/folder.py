@@ -51,7 +51,7 @@ class ImageFolder:
         header = next(rows, [])
         clock = next((name for name in TIME_COLUMNS if name in header), None)
         if clock is None or "file" not in header:
-            raise ImageFileError(f"{times}: found the columns {', '.join(header) or 'none'}; {WANTED}")
+            raise ImageFileError(f"{times}: its columns are {', '.join(header[:20]) or 'none'}; {WANTED}")
         for row in rows:
             try:
                 yield nanoseconds(row[header.index(clock)], clock), row[header.index("file")].strip()

@@ -112,10 +112,8 @@ def numbers(
     rows = csv_rows(path)
     header = next(rows, [])
     clock = next((name for name in TIME_COLUMNS if name in header), None)
-    missing = [name for name in wanted if name not in header] + (["t or t_ns"] if clock is None else [])
-    if missing or clock is None:
-        found = ", ".join(header[:20]) or "nothing"
-        raise SensorFileError(f"{path}: no column {' nor '.join(missing)}; found {found}; wanted {help_text}")
+    if clock is None or not set(wanted) <= set(header):
+        raise SensorFileError(f"{path}: its columns are {', '.join(header[:20]) or 'none'}; wanted {help_text}")
     places = [header.index(name) for name in (*wanted, *optional)]
     times: list[int] = []
     values: list[list[float]] = []
@@ -178,7 +176,7 @@ def csv_rows(path: Path) -> Iterator[list[str]]:
             separator = max(",;\t", key=file.readline(100_000).count)
             file.seek(0)
             rows = csv.reader(file, delimiter=separator)
-            yield [cell.strip() for cell in next(rows, [])]
+            yield [cell.strip().lower() for cell in next(rows, [])]
             yield from (row for row in rows if row)
     except OSError as error:
         raise SensorFileError(f"{path}: cannot be read: {error.strerror}") from error
