@@ -27,14 +27,18 @@ def noise(seconds: float, density: float = DENSITY, walk: float = WALK, seed: in
 
 def test_noises_are_found_in_what_was_made_of_them():
     pytest.importorskip("allantools", reason="the Allan deviation is allantools'")
-    densities, walks = [], []
+    densities, walks, lowest = [], [], []
     for seed in range(8):
         curve = allan_curve(noise(1000.0, seed=seed), RATE)
         densities.append(curve.density)
         walks.append(curve.random_walk)
+        lowest.append(curve.instability)
     # 1e5 samples tell white noise to a fraction of a per cent; the walk comes from some 100 intervals of 10 s a drive
     assert np.mean(densities) == pytest.approx(DENSITY, rel=0.02)
     assert np.mean(walks) == pytest.approx(WALK, rel=0.2)
+    # N^2 / tau + K^2 tau / 3 is least at sqrt(3) N / K, 11.5 s, by 2 N K / sqrt(3); the lowest of noisy points is lower
+    least = math.sqrt(2.0 * DENSITY * WALK / math.sqrt(3.0)) / 0.664
+    assert np.mean(lowest) == pytest.approx(least, rel=0.1)
 
 
 def test_white_noise_alone_has_no_walk_and_no_lowest_point():

@@ -97,7 +97,7 @@ def check_standing(rates: Floats, rate_hz: float) -> None:
 def allan_curve(samples: Floats, rate_hz: float) -> AllanCurve:
     """Allan deviation of samples (N,) at `rate_hz`, and the noises in it.
 
-    The variance is fitted as ``N^2 / tau + B^2 FLICKER^2 + K^2 tau / 3`` (IEEE Std 952-1997, annex C), none of them
+    The variance is fitted as ``N^2 / tau + F + K^2 tau / 3``, `F` of flicker (IEEE Std 952-1997, annex C), none of them
     negative, each point by its relative error, which falls with the number of intervals that fit into the recording.
 
     Raises
@@ -116,7 +116,7 @@ def allan_curve(samples: Floats, rate_hz: float) -> AllanCurve:
     tau, deviation, _, _ = allantools.oadev(samples - samples.mean(), rate=rate_hz, data_type="freq", taus=wanted)
     variance = deviation**2
     weight = np.sqrt(seconds / tau) / variance
-    terms = np.stack([1.0 / tau, np.full(tau.size, FLICKER**2), tau / 3.0], axis=1)
+    terms = np.stack([1.0 / tau, np.ones(tau.size), tau / 3.0], axis=1)
     fitted, _ = optimize.nnls(  # type: ignore[attr-defined, unused-ignore]
         terms * weight[:, None], variance * weight
     )
