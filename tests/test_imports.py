@@ -32,6 +32,7 @@ ALSO = {
     "fusion/offline/video_file.py": {"av", "telemetry_parser"},
     "fusion/offline/library.py": {"pandas"},
     "fusion/offline/allan.py": {"allantools"},
+    "fusion/offline/rerun_export.py": {"rerun"},
 }
 NEVER = {
     "compass": ("fusion",),

@@ -74,6 +74,7 @@ def test_library_writes_the_results_where_it_is_told(tiny_bag, tmp_path):
         ({"image_topic": 3}, "image_topic is 3|image_topic is"),
         ({"video_start": 1_700_000_000_000_000_000}, "are these nanoseconds\\? give 1.7e\\+09"),
         ({"video_start": "soon"}, "video_start is 'soon'; give seconds"),
+        ({"report": True}, "give out, the folder for it"),
         ({"path": "no.bag"}, "no.bag: no such file"),
     ],
 )

@@ -2,7 +2,9 @@
 
 import itertools
 import json
+import re
 import shutil
+import subprocess
 import sys
 import urllib.parse
 from pathlib import Path
@@ -181,6 +183,22 @@ def test_report_without_bokeh_names_the_extra_before_anything_is_fused(tiny_bag,
     monkeypatch.setitem(sys.modules, "bokeh", None)
     assert "visual-compass[report]" in refusal(capsys, "fuse", tiny_bag, "--out", tmp_path / "out", "--report")
     assert not (tmp_path / "out").exists()
+
+
+def test_rerun_without_its_library_names_the_extra(tiny_bag, tmp_path, monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "rerun", None)
+    assert "visual-compass[rerun]" in refusal(capsys, "fuse", tiny_bag, "--out", tmp_path / "out", "--rerun")
+    assert not (tmp_path / "out").exists()
+
+
+def test_rerun_holds_yaws_panoramas_and_stamps(tiny_bag, tmp_path):
+    pytest.importorskip("rerun", reason="needs the Rerun SDK")
+    assert main(["fuse", str(tiny_bag), "--out", str(tmp_path / "out"), "--rerun"]) == 0
+    command = [sys.executable, "-m", "rerun", "rrd", "print", str(tmp_path / "out" / "run.rrd")]
+    text = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+    images = TinyDrive().times(10.0).size
+    assert f"with {images} rows" in next(line for line in text.splitlines() if "/panorama" in line)
+    assert {"truth", "fused", "raw\\ compass"} <= set(re.findall(r"/yaw_deg/((?:\\ |\w)+)", text))
 
 
 def test_table_of_what_are_no_results_is_refused_in_a_line(tmp_path, capsys):

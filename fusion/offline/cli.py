@@ -57,6 +57,7 @@ def _topic_options(command: Command) -> Command:
 @click.option(
     "--report", "with_report", is_flag=True, help="Add report.html: everything zoomable on one page, without network."
 )
+@click.option("--rerun", is_flag=True, help="Add run.rrd for the Rerun viewer.")
 @sensor_file_options
 @_topic_options
 def fuse(
@@ -65,6 +66,7 @@ def fuse(
     config: Path | None,
     smooth: bool,
     with_report: bool,
+    rerun: bool,
     image: str | None,
     gyro: str | None,
     odometry: str | None,
@@ -81,7 +83,9 @@ def fuse(
     from fusion.settings import load_settings
 
     topics = TopicRequest(image, gyro, odometry, truth)
-    fused = fuse_bag(bag, out, load_settings(config), topics, smooth=smooth, sensors=sensors, report=with_report)
+    fused = fuse_bag(
+        bag, out, load_settings(config), topics, smooth=smooth, sensors=sensors, report=with_report, rerun=rerun
+    )
     click.echo(yaw_table(fused.summary))
     for line in (*warning_lines(fused.summary["warnings"]), *remarks(fused.summary)):
         click.echo(line)

@@ -17,6 +17,8 @@ from fusion.offline.plot import plot_run
 from fusion.offline.report.page import FILE as REPORT
 from fusion.offline.report.page import check_bokeh, write_report
 from fusion.offline.report.thumbnails import Thumbnails
+from fusion.offline.rerun_export import FILE as RERUN
+from fusion.offline.rerun_export import check_rerun, write_rerun
 from fusion.offline.results import OPTIONAL, write_results
 from fusion.offline.run import FusedRun, fuse_recording, smooth_run
 from fusion.offline.summary import summarise
@@ -44,6 +46,7 @@ def fuse_bag(
     smooth: bool = False,
     sensors: SensorFiles | None = None,
     report: bool = False,
+    rerun: bool = False,
 ) -> Fused:
     """Fuse a bag, a video or a folder of images and write the results.
 
@@ -63,6 +66,8 @@ def fuse_bag(
         CSV files of the other sensors, beside a video or a folder of images.
     report : bool
         Whether to write ``report.html``, too.
+    rerun : bool
+        Whether to write ``run.rrd`` for the Rerun viewer, too.
 
     Raises
     ------
@@ -73,12 +78,16 @@ def fuse_bag(
     pictures: list[Thumbnails] = []
     if report:
         check_bokeh()
+    if rerun:
+        check_rerun()
     with open_recording(path, settings, request, sensors) as read, staged_folder(out, OPTIONAL) as staging:
-        run, summary = fuse_opened(path, read, settings, smooth=smooth, pictures=pictures if report else None)
+        run, summary = fuse_opened(path, read, settings, smooth=smooth, pictures=pictures if report or rerun else None)
         write_results(staging, run, settings, summary)
         plot_run(run, staging / "yaw.png", f"{path.name}: yaw")
         if report:
             write_report(staging / REPORT, run, summary, path.name, *pictures)
+        if rerun:
+            write_rerun(staging / RERUN, run, *pictures)
     return Fused(out, run, summary)
 
 

@@ -94,6 +94,7 @@ def fuse(
     video_start: float | None = None,
     smooth: bool = False,
     out: PathLike | None = None,
+    report: bool = False,
 ) -> Run:
     """Fuse a bag, a video or a folder of images.
 
@@ -113,6 +114,8 @@ def fuse(
         Whether to add the fixed-interval smoother.
     out : str or Path, optional
         Folder for the result files of the command; None writes nothing.
+    report : bool
+        Whether ``report.html`` is among them.
 
     Returns
     -------
@@ -141,11 +144,13 @@ def fuse(
     for name in TopicRequest.__dataclass_fields__:
         if not isinstance(topic := getattr(request, name), str | None):
             raise ArgumentError(f"{name}_topic is {topic!r}; give the name of a topic")
+    if report and out is None:
+        raise ArgumentError("report=True writes a file; give out, the folder for it")
     if out is None:
         with open_recording(where, settings, request, files) as read:
             details, summary = fuse_opened(where, read, settings, smooth=smooth)
         return _finished(details, summary, None)
-    done = fuse_bag(where, _path("out", out), settings, request, smooth=smooth, sensors=files)
+    done = fuse_bag(where, _path("out", out), settings, request, smooth=smooth, sensors=files, report=report)
     return _finished(done.run, done.summary, done.folder)
 
 

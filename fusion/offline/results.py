@@ -19,7 +19,7 @@ from fusion.offline.scores import yaw_at
 from fusion.offline.streams import Floats, Times, TruthTrack
 from fusion.settings import Settings, dump_settings
 
-OPTIONAL = ("smoothed.tum", "report.html")  # not in the results of every run
+OPTIONAL = ("smoothed.tum", "report.html", "run.rrd")  # not in the results of every run
 DIAGNOSTICS_EVERY_NS = 1_000_000_000
 
 

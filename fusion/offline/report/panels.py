@@ -102,13 +102,12 @@ class Panels:
 
     def finish(self) -> list[Figure]:
         """All panels: warnings shaded, legends outside, the axis of time named at the bottom."""
-        from bokeh.models import BoxAnnotation
-
-        colours = {"fill_color": COLOUR, "line_color": COLOUR}
-        spans = [self._seconds(np.array(span)) for one in self.run.warnings for span in one.spans]
+        spans = [span for one in self.run.warnings for span in one.spans]
+        since, until = (
+            (self._seconds(np.array(edges, np.int64)) for edges in zip(*spans, strict=True)) if spans else ([], [])
+        )
         for panel in self.figures:
-            for since, until in spans:
-                panel.add_layout(BoxAnnotation(level="underlay", left=since, right=until, fill_alpha=0.25, **colours))
+            panel.vstrip(x0=since, x1=until, level="underlay", fill_color=COLOUR, fill_alpha=0.25, line_color=COLOUR)
             if panel.legend:
                 panel.add_layout(panel.legend[0], "right")
                 panel.legend.update(
