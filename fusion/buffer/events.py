@@ -10,7 +10,8 @@ from compass import YawIncrement
 from fusion.samples import GyroSample, OdometrySample
 
 Sample = GyroSample | OdometrySample | YawIncrement
-FASTEST = 1e3  # m/s and rad/s; a driver's nonsense beyond it could overflow the filter's squares
+FOREVER_NS = 2**63  # beyond all stamps
+NONSENSE_RATE = 1e3  # m/s and rad/s; a driver's nonsense beyond it could overflow the filter's squares
 
 
 class Sensor(Enum):
@@ -89,8 +90,8 @@ def event_of(sample: Sample) -> FusionEvent:
     if isinstance(sample, OdometrySample):
         pose = (0, 0.0) if sample.yaw is None else (1, sample.yaw)
         return TracksEvent(sample, t, (t, Rank.TRACKS, sample.yaw_rate, sample.speed, *pose))
-    told = sample.t_ref_ns, sample.yaw, sample.variance, sample.confidence
-    return CompassEvent(sample, t, (t, Rank.COMPASS, sample.long_baseline, *told))
+    content = sample.t_ref_ns, sample.yaw, sample.variance, sample.confidence
+    return CompassEvent(sample, t, (t, Rank.COMPASS, sample.long_baseline, *content))
 
 
 def reference_of(increment: YawIncrement) -> ReferenceEvent:
@@ -142,8 +143,8 @@ def fault_of(sample: Sample) -> str | None:
         return "not finite"
     if variance is not None and variance <= 0.0:
         return "variance not positive"
-    if any(abs(number) > FASTEST for number in motion):
-        return f"faster than {FASTEST:g} m/s or rad/s"
+    if any(abs(number) > NONSENSE_RATE for number in motion):
+        return f"faster than {NONSENSE_RATE:g} m/s or rad/s"
     return None
 
 

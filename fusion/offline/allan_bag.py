@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fusion.messages import NOTHING, MessageError, imu_reading
+from fusion.messages import NO_VECTOR, MessageError, imu_reading
 from fusion.offline.allan import AllanCurve, AllanError, allan_curve, check_standing, longest_stretch
 from fusion.offline.atomic_output import staged_file
 from fusion.offline.bag import Bag
@@ -89,7 +89,7 @@ def _read(bag: Bag, topic: str, count: int) -> tuple[Times, Floats]:
             except MessageError:
                 continue
             times.append(reading.t_ns)
-            rows.append((*(reading.angular_velocity or NOTHING), *(reading.linear_acceleration or NOTHING)))
+            rows.append((*(reading.angular_velocity or NO_VECTOR), *(reading.linear_acceleration or NO_VECTOR)))
             if index % 1000 == 0:
                 progress(index / max(count, 1))
     if len(times) < 2:

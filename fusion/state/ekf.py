@@ -16,13 +16,23 @@ import numpy.typing as npt
 from filterpy.kalman import ExtendedKalmanFilter
 
 from compass import wrap_angle
-from fusion.buffer.events import FASTEST
+from fusion.buffer.events import NONSENSE_RATE
 from fusion.config import FusionConfig
-from fusion.state.bounds import LONGEST_STEP, LOST, blurred, forget_beyond, limit_turn, loosened, rounding, symmetric
+from fusion.state.bounds import (
+    LONGEST_STEP,
+    LOST_YAW,
+    blurred,
+    forget_beyond,
+    limit_turn,
+    loosened,
+    rounding,
+    symmetric,
+)
 from fusion.state.process_models import integrate_gauss_markov, turning
 
 Array = npt.NDArray[np.float64]
 CLONES = 5  # two images and a keyframe; two views some seconds apart
+# Not derived: `LASTING`. Half or twice the `DELAY_WALK` changes nothing (docs/lab-notes/filter-2026-11-28.md).
 LASTING = 0.5  # share of an increment's variance that is taken to last beyond it, of one from the keyframe at most
 DELAY_WALK = 0.2  # 1/sqrt(s), wander of the camera's delay over the timestamp jitter
 
@@ -32,7 +42,7 @@ class State(IntEnum):
 
     YAW = 0  # accumulated, rad
     RATE = 1  # turn rate, rad/s
-    BIAS = 2  # what the gyro adds to the rate, rad/s, as the robot leans now
+    BIAS = 2  # what the gyro adds to the rate, rad/s, at the robot's present tilt
     SCALE = 3  # turn rate claimed by the tracks over the true one
     ACCELERATION = 4  # of the turning, rad/s^2
     GYRO_SCALE = 5  # excess of the gyro's scale factor over one
@@ -43,7 +53,7 @@ class State(IntEnum):
     STILL_REF = 10  # yaw when the last sign of motion had died away, rad
     COMPASS_ERROR = 11  # lasting error of the compass, in units of its standard deviation
     CAMERA_DELAY = 12  # from the exposure of an image to its stamp, s
-    CROSS_BIAS = 13  # what the gyro adds about the robot's y axis, rad/s; a robot that leans turns it into BIAS
+    CROSS_BIAS = 13  # what the gyro adds about the robot's y axis, rad/s; a tilt turns it into BIAS
     LONG_BASELINE_ERROR = 14  # the same of increments from some seconds ago
     CLONE = 15  # first of CLONES yaws at the exposure of images, rad
 
@@ -205,7 +215,7 @@ class YawEkf(ExtendedKalmanFilter):
         self.transform(T)
 
     def renew(self, index: State, variance: float, value: float = 0.0) -> None:
-        """Forget state `index`: it is `value`, known with `variance`, and tells nothing of the others."""
+        """Forget state `index`: it is `value`, known with `variance`, and not correlated with the others."""
         T = np.eye(DIM)
         T[index, index] = 0.0
         self.transform(T)
@@ -215,7 +225,7 @@ class YawEkf(ExtendedKalmanFilter):
     def anchor(self, into: int, measurement: Measurement) -> None:
         """Set clone `into` to what a compass measurement since it says, as if nothing had been known of it.
 
-        Afterwards the measurement's innovation is zero: it tells nothing of the present yaw, those after it will.
+        Afterwards the measurement's innovation is zero: it corrects nothing in the present yaw, those after it will.
         """
         T = np.eye(DIM)
         T[into] += measurement.H[0]  # the measured difference is a later clone - this one + lasting error + noise
@@ -237,7 +247,7 @@ class YawEkf(ExtendedKalmanFilter):
     def widen(self, index: int, variance: float) -> None:
         """Add to the variance of state `index`, as far as more than that means anything."""
         self.P = self.P.copy()
-        self.P[index, index] += min(variance, (LOST if YAWS[index] else FASTEST) ** 2)
+        self.P[index, index] += min(variance, (LOST_YAW if YAWS[index] else NONSENSE_RATE) ** 2)
 
     def widen_frame(self, variance: float) -> None:
         """Add to the variance of all yaws alike: by so much the whole past may be turned."""

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 JITTERS = tuple(1e-4 * 10.0 ** (k / 4.0) for k in range(12))  # s, 0.1 to 56 ms of timestamp jitter
+# Not derived: `JITTER_MEMORY`, `JITTER_TAIL`, `FACTOR_TAIL`.
 JITTER_MEMORY = 300  # images while turning
 JITTER_TAIL = 10.0  # degrees of freedom of their innovations, which have other reasons, too
 FACTORS = tuple(2.0 ** (k / 2.0) for k in range(-8, 5))  # 1/16 to 4, on what is configured
@@ -65,7 +66,7 @@ class LearntNoise:
     def after(self, innovation: float, others: float, gain: float) -> LearntNoise:
         """After an innovation in which it shows `gain` times; `others` is the variance for all other reasons."""
         if not self.weights or (self.values[-1] * gain) ** 2 < others:
-            return self  # it tells nothing
+            return self  # uninformative
         keep, weights = 1.0 - 1.0 / self.memory, []
         for weight, prior, sigma in zip(self.weights, self.prior, self.values, strict=True):
             S = others + (sigma * gain) ** 2
