@@ -9,7 +9,7 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import click
 
@@ -21,14 +21,46 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 Command = TypeVar("Command", bound=Callable[..., None])
 
 _PATH = click.Path(path_type=Path)
+_FORCE = click.option("--force", is_flag=True, help="Write where something else is than an earlier result.")
 
 
-@click.group(context_settings={"help_option_names": ["-h", "--help"]})
+def _speak(level: int) -> Callable[[click.Context, click.Parameter, bool], None]:
+    """What an option does that sets how much is said."""
+
+    def choose(_context: click.Context, _option: click.Parameter, given: bool) -> None:
+        if given:
+            logging.getLogger().setLevel(level)
+
+    return choose
+
+
+class _Command(click.Command):
+    """A command that takes ``-v`` and ``--quiet``, as the group before it does."""
+
+    def __init__(self, *arguments: Any, **options: Any) -> None:
+        super().__init__(*arguments, **options)
+        for names, level, text in (
+            (("-v", "--verbose"), logging.INFO, "Say what is being done."),
+            (("-q", "--quiet"), logging.ERROR, "Say nothing but errors: no progress, no warnings, no tables."),
+        ):
+            callback = _speak(level)
+            self.params.append(click.Option(names, is_flag=True, expose_value=False, callback=callback, help=text))
+
+
+class _Group(_Command, click.Group):
+    command_class = _Command
+
+
+@click.group(cls=_Group, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(package_name="visual-compass")
-@click.option("-v", "--verbose", is_flag=True, help="Say what is being done.")
-def cli(verbose: bool) -> None:
+def cli() -> None:
     """Yaw of a tracked robot from a 360-degree camera, a gyro and track odometry."""
-    logging.basicConfig(level=logging.INFO if verbose else logging.WARNING, format="%(message)s", stream=sys.stderr)
+
+
+def _say(text: str) -> None:
+    """Print what a command has to tell, unless ``--quiet``; plain results that were asked for are printed always."""
+    if logging.getLogger().isEnabledFor(logging.WARNING):
+        click.echo(text)
 
 
 def _topic_options(command: Command) -> Command:
@@ -49,12 +81,18 @@ def _topic_options(command: Command) -> Command:
 @click.option("--out", type=_PATH, metavar="DIR", help="Folder for the results  [default: ./<bag>_yaw]")
 @click.option("--config", type=_PATH, metavar="YAML", help="Parameters in ROS form; see config/visual_compass.yaml.")
 @click.option("--smooth", is_flag=True, help="Add the fixed-interval (RTS) smoother.")
+@click.option("--start", type=float, metavar="S", help="Fuse from here on, s from the first sample.")
+@click.option("--end", type=float, metavar="S", help="Fuse up to here, s from the first sample.")
+@_FORCE
 @_topic_options
 def fuse(
     bag: Path,
     out: Path | None,
     config: Path | None,
     smooth: bool,
+    start: float | None,
+    end: float | None,
+    force: bool,
     image: str | None,
     gyro: str | None,
     odometry: str | None,
@@ -66,11 +104,14 @@ def fuse(
     from fusion.offline.topics import TopicRequest
     from fusion.settings import load_settings
 
-    fused = fuse_bag(bag, out, load_settings(config), TopicRequest(image, gyro, odometry, truth), smooth=smooth)
-    click.echo(yaw_table(fused.summary))
+    given = {"offline.smooth": smooth or None, "offline.start": start, "offline.end": end}
+    settings = load_settings(config, {name: value for name, value in given.items() if value is not None})
+    request = TopicRequest(image, gyro, odometry, truth)
+    fused = fuse_bag(bag, out, settings, request, force=force, inputs=[config] if config else [])
+    _say(yaw_table(fused.summary))
     for line in (*warning_lines(fused.summary["warnings"]), *remarks(fused.summary)):
-        click.echo(line)
-    click.echo(f"results in {fused.folder}/, plot in {fused.folder / 'yaw.png'}")
+        _say(line)
+    _say(f"results in {fused.folder}/, plot in {fused.folder / 'yaw.png'}")
 
 
 @cli.command(short_help="What is in a bag, and what is wrong with it.")
@@ -78,12 +119,15 @@ def fuse(
 @click.option("--roi-preview", type=_PATH, metavar="PNG", help="Draw the region of interest over a frame.")
 @click.option("--config", type=_PATH, metavar="YAML", help="Parameters in ROS form, for the region of interest.")
 @click.option("--image-topic", "image", metavar="T", help="Panoramas to preview.")
-def inspect(bag: Path, roi_preview: Path | None, config: Path | None, image: str | None) -> None:
+@_FORCE
+def inspect(bag: Path, roi_preview: Path | None, config: Path | None, image: str | None, force: bool) -> None:
     """Show topics, rates, gaps and faulty stamps of BAG, its image size, what 'fuse' would take, and what is wrong."""
+    from fusion.offline.atomic_output import refuse_existing
     from fusion.offline.inspect import inspect_bag
     from fusion.offline.topics import TopicRequest
     from fusion.settings import load_settings
 
+    refuse_existing(roi_preview, force=force)
     click.echo(inspect_bag(bag, load_settings(config), TopicRequest(image=image), roi_preview))
 
 
@@ -92,7 +136,8 @@ def inspect(bag: Path, roi_preview: Path | None, config: Path | None, image: str
 @click.option("--out", type=_PATH, metavar="BAG", help="Bag to write: name.mcap, or a name for a rosbag2 folder.")
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of noise, slip and world.")
 @click.option("--config", type=_PATH, metavar="YAML", help="Parameters in ROS form, for the topics' names.")
-def simulate(experiment: str | None, out: Path | None, seed: int, config: Path | None) -> None:
+@_FORCE
+def simulate(experiment: str | None, out: Path | None, seed: int, config: Path | None, force: bool) -> None:
     """Simulate EXPERIMENT and write it as a bag with ground truth; without EXPERIMENT, list them."""
     from fusion.offline.demo import experiment_list, simulate_bag
     from fusion.settings import load_settings
@@ -101,8 +146,8 @@ def simulate(experiment: str | None, out: Path | None, seed: int, config: Path |
         click.echo(experiment_list())
         return
     out = out or Path(f"{experiment}.mcap")
-    simulate_bag(experiment, seed, out, load_settings(config))
-    click.echo(f"{out}: {experiment}, seed {seed}")
+    simulate_bag(experiment, seed, out, load_settings(config), force=force)
+    _say(f"{out}: {experiment}, seed {seed}")
 
 
 @cli.command(short_help="Score every compass, each sensor and the fused yaw.")
@@ -138,6 +183,7 @@ def simulate(experiment: str | None, out: Path | None, seed: int, config: Path |
 )
 @click.option("--workers", type=click.IntRange(1), default=None, help="Processes  [default: one per core]")
 @click.option("--config", type=_PATH, metavar="YAML", help="Parameters in ROS form.")
+@_FORCE
 @_topic_options
 def evaluate(
     what: tuple[str, ...],
@@ -152,6 +198,7 @@ def evaluate(
     yaws: tuple[Path, ...],
     workers: int | None,
     config: Path | None,
+    force: bool,
     image: str | None,
     gyro: str | None,
     odometry: str | None,
@@ -181,6 +228,7 @@ def evaluate(
         json_file=json_file,
         markdown_file=markdown_file,
         headline_file=headline_file,
+        force=force,
     )
     click.echo(text)
 
@@ -197,12 +245,14 @@ def evaluate(
 )
 @click.option("--mask-preview", type=_PATH, metavar="PNG", help="Draw what belongs to the robot over a frame.")
 @click.option("--config", type=_PATH, metavar="YAML", help="Parameters in ROS form to start from.")
+@_FORCE
 @_topic_options
 def calibrate(
     bag: Path,
     out: Path,
     mask_preview: Path | None,
     config: Path | None,
+    force: bool,
     image: str | None,
     gyro: str | None,
     odometry: str | None,
@@ -213,7 +263,8 @@ def calibrate(
     from fusion.offline.topics import TopicRequest
     from fusion.settings import load_settings
 
-    click.echo(calibrate_bag(bag, load_settings(config), TopicRequest(image, gyro, odometry, truth), out, mask_preview))
+    request = TopicRequest(image, gyro, odometry, truth)
+    _say(calibrate_bag(bag, load_settings(config), request, out, mask_preview, force=force))
 
 
 @cli.command(short_help="Simulate a short drive, fuse it, compare with the truth.")
@@ -227,14 +278,16 @@ def demo(out: Path) -> None:
     from fusion.settings import Settings
 
     fused = run_demo(out, Settings())
-    click.echo(yaw_table(fused.summary))
+    _say(yaw_table(fused.summary))
     for line in warning_lines(fused.summary["warnings"]):
-        click.echo(line)
-    click.echo(f"bag {out / 'demo.mcap'}, results in {fused.folder}/, plot {fused.folder / 'yaw.png'}")
+        _say(line)
+    _say(f"bag {out / 'demo.mcap'}, results in {fused.folder}/, plot {fused.folder / 'yaw.png'}")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point of ``visual-compass``: the only place that prints errors and chooses the exit code."""
+    level = logging.getLogger().level
+    logging.basicConfig(level=logging.WARNING, format="%(message)s", stream=sys.stderr)
     try:
         with _interruptible():
             cli.main(arguments, prog_name="visual-compass", standalone_mode=False)
@@ -247,6 +300,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except _Interrupted as interrupted:
         click.echo("visual-compass: interrupted, nothing was written", err=True)
         return 128 + interrupted.number
+    finally:
+        logging.getLogger().setLevel(level)  # of who calls it from Python
     return 0
 
 

@@ -63,6 +63,8 @@ class BagRecording:
         When the samples of gyro and tracks were recorded.
     within : Span or None
         Time of the recording by most sensors' stamps.
+    window : Span or None
+        Part of that time from which frames are given; None: all.
     """
 
     bag: Bag
@@ -77,6 +79,7 @@ class BagRecording:
     vertical_words: str = ""
     witnesses: Sequence[Recorded] = ()
     within: Span | None = None
+    window: Span | None = None
 
     @property
     def warnings(self) -> list[Warning]:
@@ -121,7 +124,10 @@ class BagRecording:
 
     def _stamped_images(self, topic: Topic) -> Iterator[tuple[int, Any]]:
         """Stamps and messages, ordered by stamp within a bounded window."""
+        window = self.window
         for message in in_order(self._of_one_clock(topic), FRAMES_OUT_OF_ORDER):
+            if window and message.stamp_ns > 0 and not window.first_ns <= message.stamp_ns <= window.last_ns:
+                continue
             yield message.stamp_ns, self.bag.deserialize(message)
 
     def _of_one_clock(self, topic: Topic) -> Iterator[Message]:
