@@ -137,6 +137,20 @@ def refuse_existing(target: Path | None, *, force: bool = False, begins: bytes |
     raise OutputError(f"{target}: exists already; give another name, or --force to replace it")
 
 
+def refuse_unusable(folder: Path) -> None:
+    """Refuse a folder for many results in which nothing can be written, before anything is done.
+
+    Raises
+    ------
+    OutputError
+        It is no folder, or cannot be made or written to.
+    """
+    if folder.exists() and not folder.is_dir():
+        raise OutputError(f"{folder}: is no folder; give another --out")
+    with _staging(folder.absolute() / "results"):
+        pass
+
+
 @contextmanager
 def scratch_folder() -> Iterator[Path]:
     """Give a folder for temporary files that nobody else can read, gone afterwards."""

@@ -9,11 +9,15 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
 from compass.errors import VisualCompassError
+
+if TYPE_CHECKING:
+    from fusion.offline.topics import TopicRequest
+    from fusion.settings import Settings
 
 # Our matrices are small: more BLAS threads than one only wait for each other. Before numpy is imported, and inherited.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -76,42 +80,82 @@ def _topic_options(command: Command) -> Command:
     return command
 
 
-@cli.command(short_help="Fuse a bag: yaw as CSV, TUM, MCAP, a summary and a plot.")
-@click.argument("bag", type=_PATH)
-@click.option("--out", type=_PATH, metavar="DIR", help="Folder for the results  [default: ./<bag>_yaw]")
+@cli.command(short_help="Fuse bags: yaw as CSV, TUM, MCAP, a summary and a plot.")
+@click.argument("bags", nargs=-1, required=True, metavar="BAG...")
+@click.option("--out", type=_PATH, metavar="DIR", help="Folder for the results  [default: ./<bag>_yaw; of many: .]")
 @click.option("--config", type=_PATH, metavar="YAML", help="Parameters in ROS form; see config/visual_compass.yaml.")
 @click.option("--smooth", is_flag=True, help="Add the fixed-interval (RTS) smoother.")
 @click.option("--start", type=float, metavar="S", help="Fuse from here on, s from the first sample.")
 @click.option("--end", type=float, metavar="S", help="Fuse up to here, s from the first sample.")
+@click.option("--jobs", type=click.IntRange(1), metavar="N", help="Processes for many bags  [default: one per core]")
+@click.option("--scheduler", metavar="ADDRESS", help="Fuse on the workers of a Dask scheduler, tcp://host:8786.")
 @_FORCE
 @_topic_options
 def fuse(
-    bag: Path,
+    bags: tuple[str, ...],
     out: Path | None,
     config: Path | None,
     smooth: bool,
     start: float | None,
     end: float | None,
+    jobs: int | None,
+    scheduler: str | None,
     force: bool,
     image: str | None,
     gyro: str | None,
     odometry: str | None,
     truth: str | None,
 ) -> None:
-    """Fuse BAG (ROS 1, rosbag2 sqlite3 or MCAP) and write yaw.csv, *.tum, result.mcap, summary.json and yaw.png."""
-    from fusion.offline.fuse import fuse_bag
-    from fusion.offline.summary import remarks, warning_lines, yaw_table
+    """Fuse each BAG (ROS 1, rosbag2 sqlite3 or MCAP): yaw.csv, *.tum, result.mcap, summary.json and yaw.png.
+
+    BAG may also be a folder with bags below it, a pattern in quotes such as '2024-*/*.mcap', or a URL. Of many bags, or
+    with --jobs or --scheduler, each gets a folder of its own in --out, with one summary.csv for all; what is finished
+    is skipped, a bag that fails does not stop the others.
+    """
     from fusion.offline.topics import TopicRequest
     from fusion.settings import load_settings
 
     given = {"offline.smooth": smooth or None, "offline.start": start, "offline.end": end}
     settings = load_settings(config, {name: value for name, value in given.items() if value is not None})
     request = TopicRequest(image, gyro, odometry, truth)
-    fused = fuse_bag(bag, out, settings, request, force=force, inputs=[config] if config else [])
+    inputs = [config] if config else []
+    found, many = _bags(bags, out)
+    if many or jobs or scheduler:
+        _fuse_many(found, out or Path(), settings, request, jobs=jobs, scheduler=scheduler, force=force, inputs=inputs)
+    else:
+        _fuse_one(Path(bags[0]), out, settings, request, force=force, inputs=inputs)
+
+
+def _bags(words: Sequence[str], out: Path | None) -> tuple[list[str], bool]:
+    """The bags that are named, and whether they are fused as many are: not where one file or folder is one bag."""
+    if len(words) == 1 and Path(words[0]).is_file():
+        return [str(Path(words[0]).absolute())], False
+    from fusion.offline.find_bags import find_bags
+
+    found = find_bags(words, out)
+    return found, len(words) > 1 or found != [str(Path(words[0]).absolute())]
+
+
+def _fuse_one(bag: Path, out: Path | None, settings: Settings, request: TopicRequest, **options: Any) -> None:
+    from fusion.offline.fuse import fuse_bag
+    from fusion.offline.summary import remarks, warning_lines, yaw_table
+
+    fused = fuse_bag(bag, out, settings, request, **options)
     _say(yaw_table(fused.summary))
     for line in (*warning_lines(fused.summary["warnings"]), *remarks(fused.summary)):
         _say(line)
     _say(f"results in {fused.folder}/, plot in {fused.folder / 'yaw.png'}")
+
+
+def _fuse_many(
+    bags: Sequence[str], out: Path, settings: Settings, request: TopicRequest, *, jobs: int | None, **options: Any
+) -> None:
+    from fusion.offline.batch import fuse_bags
+
+    result = fuse_bags(bags, out, settings, request, jobs=jobs or len(os.sched_getaffinity(0)), **options)
+    _say(str(result))
+    if result.failed:
+        raise VisualCompassError(f"{result.failed} of {len(bags)} bags failed; {out / 'summary.csv'} says why")
 
 
 @cli.command(short_help="What is in a bag, and what is wrong with it.")
@@ -298,7 +342,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         error.show()
         return error.exit_code
     except _Interrupted as interrupted:
-        click.echo("visual-compass: interrupted, nothing was written", err=True)
+        click.echo(f"visual-compass: interrupted, {interrupted.left}", err=True)
         return 128 + interrupted.number
     finally:
         logging.getLogger().setLevel(level)  # of who calls it from Python
@@ -310,6 +354,7 @@ class _Interrupted(BaseException):
 
     def __init__(self, number: int) -> None:
         self.number = number
+        self.left = "nothing was written"
 
 
 @contextmanager
