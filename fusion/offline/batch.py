@@ -6,15 +6,16 @@ import logging
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from fusion.offline.atomic_output import OutputError, refuse_unusable
 from fusion.offline.bag_task import EARLIER, FAILED, FUSED, SKIPPED, BagOutcome, BagTask
 from fusion.offline.batch_progress import BatchProgress, batch_progress
 from fusion.offline.batch_table import CSV, PARQUET, check_tables, row_of, write_tables
-from fusion.offline.earlier_results import EarlierResult
-from fusion.offline.find_bags import name_folders, results_in
+from fusion.offline.earlier_results import EarlierResult, earlier_result
+from fusion.offline.find_bags import name_folders, names_in, results_in
 from fusion.offline.topics import TopicRequest
 from fusion.settings import Settings
 
@@ -23,7 +24,7 @@ log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True)
 class BatchResult:
-    """What became of all: outcomes in the order of the recordings, and the tables that were written."""
+    """What became of all: outcomes in the order of the recordings, summaries left out, and the tables of them."""
 
     outcomes: list[BagOutcome]
     tables: list[Path]
@@ -81,20 +82,22 @@ def fuse_bags(
         for bag in bags
     ]
     outcomes: dict[str, BagOutcome] = {}
+    rows: dict[str, dict[str, Any]] = {}
     try:
         with batch_progress(len(tasks)) as progress:
             for outcome in _run(tasks, jobs, scheduler, progress):
-                outcomes[outcome.bag] = outcome
                 progress.end(outcome)
+                rows[outcome.bag] = row_of(outcome, place)
+                outcomes[outcome.bag] = replace(outcome, summary={})  # of a hundred thousand that would be a lot
     except BaseException as error:
         if any(one.status != FAILED for one in outcomes.values()):
-            _write(place, bags, outcomes)
+            _write(place, bags, rows)
             error.left = "what is finished stays, the same command goes on with the rest"  # type: ignore[attr-defined]
         elif not existed:
             with suppress(OSError):  # not empty
                 place.rmdir()
         raise
-    return BatchResult([outcomes[bag] for bag in bags], [out / table.name for table in _write(place, bags, outcomes)])
+    return BatchResult([outcomes[bag] for bag in bags], [out / table.name for table in _write(place, bags, rows)])
 
 
 def _run(tasks: Sequence[BagTask], jobs: int, scheduler: str | None, progress: BatchProgress) -> Iterator[BagOutcome]:
@@ -114,17 +117,16 @@ def _check_out(out: Path, there: dict[str, EarlierResult | None], *, force: bool
         raise OutputError(f"{out}: is not empty and holds no earlier results; give another --out, or --force")
 
 
-def _write(place: Path, bags: Sequence[str], outcomes: dict[str, BagOutcome]) -> list[Path]:
+def _write(place: Path, bags: Sequence[str], rows: dict[str, dict[str, Any]]) -> list[Path]:
     """The tables of all results that are there: of these recordings, in their order, and of others of earlier runs."""
-    ours = {outcome.folder.name for outcome in outcomes.values()}
+    ours = {row["folder"] for row in rows.values()}
+    others = (name for name in names_in(place) if name not in ours)
     earlier = [
-        BagOutcome(one.source.path, place / name, EARLIER, summary=one.summary)
-        for name, one in results_in(place).items()
-        if one is not None and name not in ours
+        row_of(BagOutcome(one.source.path, place / name, EARLIER, summary=one.summary), place)
+        for name in others
+        if (one := earlier_result(place / name)) is not None
     ]
-    return write_tables(
-        place, [row_of(one, place) for one in (*(outcomes[b] for b in bags if b in outcomes), *earlier)]
-    )
+    return write_tables(place, [rows[bag] for bag in bags if bag in rows] + earlier)
 
 
 def counted(outcomes: Sequence[BagOutcome]) -> str:

@@ -328,6 +328,17 @@ def demo(out: Path) -> None:
     _say(f"bag {out / 'demo.mcap'}, results in {fused.folder}/, plot {fused.folder / 'yaw.png'}")
 
 
+@cli.command(short_help="Print the JSON Schema of parameter files or of summary.json.")
+@click.argument("what", type=click.Choice(["settings", "summary"]))
+def schema(what: str) -> None:
+    """Print the JSON Schema (2020-12) of parameter files (settings) or of summary.json (summary)."""
+    import json
+
+    from fusion.offline.schemas import settings_schema, summary_schema
+
+    click.echo(json.dumps(settings_schema() if what == "settings" else summary_schema(), indent=2))
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point of ``visual-compass``: the only place that prints errors and chooses the exit code."""
     level = logging.getLogger().level

@@ -6,7 +6,8 @@ import glob
 import hashlib
 import os
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from urllib.parse import urlsplit
 
@@ -171,11 +172,25 @@ def _is_of(result: EarlierResult | None, bag: str) -> bool:
 
 
 def results_in(folder: Path) -> dict[str, EarlierResult | None]:
-    """All that is in a folder, by name: results, and None for the rest; hidden files left out."""
+    """All that is in a folder, by name: results, without their summaries, and None for the rest."""
+    found: dict[str, EarlierResult | None] = {}
+    for name in names_in(folder):
+        one = earlier_result(folder / name)
+        found[name] = one and replace(one, summary={})
+    return found
+
+
+def names_in(folder: Path) -> list[str]:
+    """The names in a folder, in order, but for what is hidden; none where there is no folder.
+
+    Raises
+    ------
+    BagError
+        It cannot be read.
+    """
     try:
-        names: Iterable[str] = sorted(entry.name for entry in os.scandir(folder) if not entry.name.startswith("."))
+        return sorted(entry.name for entry in os.scandir(folder) if not entry.name.startswith("."))
     except FileNotFoundError:
-        return {}
+        return []
     except OSError as error:
         raise BagError(f"{folder}: cannot be read: {error.strerror}; give another --out") from None
-    return {name: earlier_result(folder / name) for name in names}
