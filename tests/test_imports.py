@@ -22,7 +22,9 @@ ROOMS = {
     "fusion/checks": {"numpy", "scipy", "compass", "fusion"},
     "fusion/imu": {"numpy", "compass", "fusion"},
     "fusion/simulation": NUMERICS | {"compass", "fusion", "platformdirs"},
-    "fusion/offline": NUMERICS | {"compass", "fusion", "rosbags", "matplotlib", "click", "rich", "yaml"},
+    "fusion/offline": NUMERICS
+    | {"compass", "fusion", "rosbags", "matplotlib", "click", "rich", "yaml"}
+    | {"fsspec", "pyarrow"},  # of the extra `cluster`, each where it is needed
     "fusion/offline/report": NUMERICS | {"compass", "fusion", "bokeh"},
 }
 # parameter files are read by the one and written by the other

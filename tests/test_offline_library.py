@@ -55,7 +55,7 @@ def test_library_without_pandas_says_so_and_has_columns(run, monkeypatch):
 
 def test_library_names_what_is_wrong(tiny_bag):
     alone = fuse(tiny_bag, gyro_topic="none", odometry_topic="none", smooth=True, config=Settings())
-    assert set(alone.summary["yaw"]) == {"raw compass", "fused", "smoothed"}
+    assert set(alone.summary["yaw"]) == {"raw_compass", "fused", "smoothed"}
     assert [one.code for one in alone.warnings] == [one["code"] for one in alone.summary["warnings"]]
 
 

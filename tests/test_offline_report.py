@@ -149,6 +149,20 @@ def test_table_of_many_runs_sorts_and_links(browser, results):
     assert complaints(browser) == []
 
 
+def test_reports_of_many_runs_come_with_their_table(tiny_bag, tmp_path):
+    pytest.importorskip("bokeh")
+    for name in ("a.mcap", "b.mcap"):
+        shutil.copy(tiny_bag, tmp_path / name)
+    out, bags = tmp_path / "out", [str(tmp_path / name) for name in ("a.mcap", "b.mcap")]
+    assert main(["fuse", *bags, "--out", str(out), "--jobs", "1"]) == 0
+    assert not list(out.rglob("report.html"))
+    # finished without reports is not finished with them
+    assert main(["fuse", *bags, "--out", str(out), "--jobs", "1", "--report"]) == 0
+    assert 'href="a_yaw/report.html"' in (out / "report.html").read_text()
+    assert (out / "a_yaw" / "report.html").exists()
+    assert (out / "b_yaw" / "report.html").exists()
+
+
 def test_report_is_of_bounded_size(results):
     """The library is 1.4 MB; the rest is curves and pictures."""
     assert (results / NAME / "report.html").stat().st_size < 3_000_000

@@ -69,17 +69,17 @@ def fuse(path: Path, out: Path, *options: object) -> dict:
 
 def test_video_alone_gives_the_turn(video, tmp_path):
     summary = fuse(video, tmp_path / "out")
-    assert summary["images"]["OK"] + summary["images"]["FIRST_FRAME"] == DRIVE.times(RATE).size
+    assert summary["images"]["ok"] + summary["images"]["first_frame"] == DRIVE.times(RATE).size
     # 30 increments, each right to a hundredth of a column of 1.4 deg; the codec's loss is within that
-    assert summary["yaw"]["raw compass"]["turned_deg"] == pytest.approx(TURNED, abs=30 * 0.01 * 360 / 256)
+    assert summary["yaw"]["raw_compass"]["turned_deg"] == pytest.approx(TURNED, abs=30 * 0.01 * 360 / 256)
 
 
 def test_video_with_sensors_and_truth_is_scored(video, tmp_path):
     (tmp_path / "truth.csv").write_text("t;yaw\n" + "".join(f"{t};{DRIVE.yaw(t)}\n" for t in DRIVE.times(20)))
     files = "--gyro", gyro_csv(tmp_path / "imu.csv"), "--odometry", odometry_csv(tmp_path / "odom.csv")
     summary = fuse(video, tmp_path / "out", *files, "--truth", tmp_path / "truth.csv")
-    assert set(summary["yaw"]) == {"raw compass", "gyro alone", "tracks alone", "fused"}
-    for source in ("gyro alone", "tracks alone"):
+    assert set(summary["yaw"]) == {"raw_compass", "gyro_alone", "tracks_alone", "fused"}
+    for source in ("gyro_alone", "tracks_alone"):
         assert summary["yaw"][source]["worst_error_deg"] == pytest.approx(0.0, abs=0.05)  # their rate steps at 1 s
     assert abs(summary["yaw"]["fused"]["final_error_deg"]) < 0.5  # a third of a column
     assert summary["gyro_vertical"] == "gravity"
@@ -103,7 +103,7 @@ def test_video_to_be_shown_upside_down_is_turned_upright(video, tmp_path):
     turned.write_bytes(data[:at] + matrix + data[at + 36 :])
     summary = fuse(turned, tmp_path / "out")
     # both axes are turned round: the yaw's sign, seen from above, is the other one
-    assert summary["yaw"]["raw compass"]["turned_deg"] == pytest.approx(-TURNED, abs=30 * 0.01 * 360 / 256)
+    assert summary["yaw"]["raw_compass"]["turned_deg"] == pytest.approx(-TURNED, abs=30 * 0.01 * 360 / 256)
 
 
 def test_video_that_was_cut_says_how_much_is_missing(video, tmp_path):
@@ -124,8 +124,8 @@ def test_video_that_was_cut_says_how_much_is_missing(video, tmp_path):
 def test_folder_of_images_gives_the_turn_at_its_times(folder, tmp_path):
     summary = fuse(folder, tmp_path / "out", "--odometry", odometry_csv(tmp_path / "odom.csv", 1_700_000_000.0))
     assert summary["start_ns"] == 1_700_000_000_000_000_000
-    assert summary["yaw"]["raw compass"]["turned_deg"] == pytest.approx(TURNED, abs=30 * 0.01 * 360 / 256)
-    assert summary["yaw"]["tracks alone"]["turned_deg"] == pytest.approx(TURNED, abs=0.01)
+    assert summary["yaw"]["raw_compass"]["turned_deg"] == pytest.approx(TURNED, abs=30 * 0.01 * 360 / 256)
+    assert summary["yaw"]["tracks_alone"]["turned_deg"] == pytest.approx(TURNED, abs=0.01)
 
 
 def test_folder_with_missing_pictures_names_them(folder, tmp_path):
@@ -137,7 +137,7 @@ def test_folder_with_missing_pictures_names_them(folder, tmp_path):
     (broken / "4.png").write_bytes(b"nothing")
     (broken / "times.csv").write_text((folder / "times.csv").read_text() + "x.png,soon\n")
     summary = fuse(broken, tmp_path / "out")
-    assert sum(summary["unusable_messages"].values()) == 3
+    assert sum(one["count"] for one in summary["unusable_messages"]) == 3
     assert [one["code"] for one in summary["warnings"]] == ["samples_lost"]
 
 
@@ -185,6 +185,13 @@ def test_video_or_folder_that_cannot_be_used_is_refused_in_a_line(
     assert not Path("out").exists()
 
 
+def test_part_of_a_video_is_fused(video, tmp_path):
+    imu = gyro_csv(tmp_path / "imu.csv")
+    summary = fuse(video, tmp_path / "out", "--gyro", imu, "--start", "1.5", "--end", "2.5")
+    assert (summary["start_ns"], summary["duration_s"]) == (1_500_000_000, pytest.approx(1.0))
+    assert summary["images"]["ok"] + summary["images"]["first_frame"] == 11
+
+
 def test_bag_with_files_of_sensors_is_refused(tiny_bag, tmp_path, capsys):
     assert main(["fuse", str(tiny_bag), "--gyro", "imu.csv", "--out", str(tmp_path / "out")]) == 1
     assert "go with a video or a folder" in capsys.readouterr().err
@@ -192,6 +199,7 @@ def test_bag_with_files_of_sensors_is_refused(tiny_bag, tmp_path, capsys):
 
 def test_video_without_pyav_names_the_extra(tmp_path, monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, "av", None)
+    (tmp_path / "ride.mp4").write_bytes(b"")
     assert main(["fuse", str(tmp_path / "ride.mp4"), "--out", str(tmp_path / "out")]) == 1
     assert "visual-compass[video]" in capsys.readouterr().err
 
@@ -223,5 +231,5 @@ def test_gyro_inside_the_video_is_levelled_like_any(video, tmp_path, monkeypatch
 
     monkeypatch.setitem(sys.modules, "telemetry_parser", types.SimpleNamespace(Parser=Parser))
     summary = fuse(video, tmp_path / "out", "--gyro", "embedded")
-    assert summary["yaw"]["gyro alone"]["turned_deg"] == pytest.approx(TURNED, abs=0.05)
+    assert summary["yaw"]["gyro_alone"]["turned_deg"] == pytest.approx(TURNED, abs=0.05)
     assert summary["gyro_vertical"] == "gravity"

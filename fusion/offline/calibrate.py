@@ -19,7 +19,7 @@ from compass.images.decode import to_grey
 from compass.images.mask import load_mask
 from compass.images.strip import prepare_strip
 from compass.methods.sector_median import SectorShifts, local_shifts
-from fusion.offline.atomic_output import staged_file
+from fusion.offline.atomic_output import refuse_existing, staged_file
 from fusion.offline.bag import Bag, BagError
 from fusion.offline.console import progress_bar
 from fusion.offline.contradiction_check import contradiction
@@ -39,6 +39,7 @@ MOST_TURNED, MOST_PAIRS = 60, 40
 STRIDE = (0.05, 0.4)  # m driven between the images of a pair
 STEADY = math.radians(1.0)  # most turning in a pair
 WRONG_TURN = math.radians(3.0)  # of turns by `TURN_STEP`; real footage measures them to a fifth of a degree
+_HEADER = "# Calibrated from "  # how the settings begin
 STILL = 1e-3  # m/s and rad/s by the tracks
 
 
@@ -75,14 +76,21 @@ class Finding:
         return f"{self.name}: {value} ({self.evidence})"
 
 
-def calibrate_bag(path: Path, settings: Settings, request: TopicRequest, out: Path, picture: Path | None) -> str:
+def calibrate_bag(
+    path: Path, settings: Settings, request: TopicRequest, out: Path, picture: Path | None, *, force: bool = False
+) -> str:
     """Propose settings from a recording that turns, drives straight and stands; write them as YAML for ``--config``.
 
     Raises
     ------
     BagError
         The bag cannot be read, has no panoramas, the robot hardly turns in it, or its sensors contradict each other.
+    OutputError
+        Without `force`: a file is in the way that no earlier calibration wrote.
     """
+    refuse_existing(out, force=force, begins=_HEADER.encode())
+    refuse_existing(out.with_name(_mask_name(out)), force=force or out.exists())
+    refuse_existing(picture, force=force)
     with Bag(path) as bag:
         choice = choose_topics(bag, settings.topics, request)
         if choice.image is None:
@@ -198,7 +206,11 @@ def _mask(static: Mask, region: Sequence[Finding], out: Path) -> Finding:
     if share == 0.0:
         return Finding("compass.mask", None, "nothing in the region of interest stays while the robot turns")
     told = f"{100.0 * share:.1f} % of the region of interest stay while the robot turns, and are ignored"
-    return Finding("compass.mask", f"{out.stem}_mask.png", told)
+    return Finding("compass.mask", _mask_name(out), told)
+
+
+def _mask_name(out: Path) -> str:
+    return f"{out.stem}_mask.png"
 
 
 def _turn_error(frames: Sequence[Frame], shown: YawTrack, config: CompassConfig) -> float:
@@ -336,7 +348,7 @@ def _drawn(frame: Frame, static: Mask) -> Panorama:
 
 def _as_yaml(findings: Sequence[Finding], path: Path, image_noise: float | None) -> str:
     """The findings as a parameter file, the evidence as comments."""
-    lines = [f"# Calibrated from {path.name}"]
+    lines = [f"{_HEADER}{path.name}"]
     if image_noise is not None:
         lines.append(f"# Noise of the camera: {image_noise:.1f} of 255 grey values.")
     lines += ["/**:", "  ros__parameters:"]

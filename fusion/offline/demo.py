@@ -4,21 +4,25 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from fusion.offline.atomic_output import refuse_existing
 from fusion.offline.console import progress_bar
+from fusion.offline.earlier_results import earlier_result
 from fusion.offline.fuse_bag import Fused, fuse_bag
 from fusion.offline.simulated import record_drive
+from fusion.offline.source import source_of
 from fusion.settings import Settings
 from fusion.simulation import EXPERIMENTS, simulate
 
 
-def simulate_bag(experiment: str, seed: int, out: Path, settings: Settings) -> None:
+def simulate_bag(experiment: str, seed: int, out: Path, settings: Settings, *, force: bool = False) -> None:
     """Simulate an experiment and write it as a bag with ground truth in it.
 
     Raises
     ------
     VisualCompassError
-        There is no such experiment, or `out` cannot be written.
+        There is no such experiment, or `out` cannot be written: without `force` not even a file that exists.
     """
+    refuse_existing(out, force=force)
     drive = simulate(experiment, seed)
     with progress_bar(f"rendering {experiment}") as progress:
         drive.prepare(lambda done, count: progress(done / count))
@@ -27,10 +31,18 @@ def simulate_bag(experiment: str, seed: int, out: Path, settings: Settings) -> N
 
 
 def run_demo(folder: Path, settings: Settings) -> Fused:
-    """Simulate the demo drive into ``folder/demo.mcap`` and fuse that bag into ``folder/yaw``."""
-    bag = folder / "demo.mcap"
-    simulate_bag("demo", 0, bag, settings)
-    return fuse_bag(bag, folder / "yaw", settings)
+    """Simulate the demo drive into ``folder/demo.mcap`` and fuse that bag into ``folder/yaw``.
+
+    Raises
+    ------
+    VisualCompassError
+        `folder` cannot be written, or has another bag of that name in it than that of an earlier demo.
+    """
+    bag, results = folder / "demo.mcap", folder / "yaw"
+    earlier = earlier_result(results)
+    ours = earlier is not None and bag.is_file() and earlier.source.same_as(source_of(bag))
+    simulate_bag("demo", 0, bag, settings, force=ours)
+    return fuse_bag(bag, results, settings, force=ours)
 
 
 def experiment_list() -> str:

@@ -90,3 +90,11 @@ class ImageFolder:
     def gyro_readings(self) -> tuple[Times, Floats]:
         """No gyro is inside a folder."""
         raise ImageFileError(f"{self.path}: a folder of images has no gyro inside; give --gyro a CSV file")
+
+
+def refuse_pictures(path: Path) -> None:
+    """Refuse a folder of pictures without times in words that help; they would be looked for a bag in vain."""
+    if path.is_dir() and not (path / "metadata.yaml").exists():
+        pictures = sum(file.suffix.lower() in PICTURES for file in path.iterdir())
+        if pictures:
+            raise ImageFileError(f"{path}: {pictures} pictures but no {TIMES} to say when they were taken; {WANTED}")

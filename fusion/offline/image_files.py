@@ -50,6 +50,11 @@ class SensorFiles:
     def __bool__(self) -> bool:
         return self != SensorFiles()
 
+    @property
+    def paths(self) -> list[Path]:
+        """Those that are files."""
+        return [Path(one) for one in (self.gyro, self.odometry, self.truth) if one is not None and one != EMBEDDED]
+
 
 class Images(Protocol):
     """Where panoramas come from."""
@@ -100,6 +105,8 @@ class ImageRecording:
         Images and rows that could not be used, by reason.
     found : list of Warning
         What was wrong with the IMU.
+    window : Span or None
+        Time from which frames are given; None: all.
     """
 
     images: Images
@@ -112,6 +119,12 @@ class ImageRecording:
     vertical_words: str = ""
     dropped: Counter[str] = field(default_factory=Counter)
     found: list[Warning] = field(default_factory=list)
+    window: Span | None = None
+
+    @property
+    def image_span(self) -> Span | None:
+        """From when to when there are panoramas."""
+        return self.images.span()
 
     @property
     def path(self) -> Path:
@@ -144,7 +157,8 @@ class ImageRecording:
         usable = 0
         for frame in self.images.frames(self.columns, self.dropped):
             usable += 1
-            yield frame
+            if self.window is None or self.window.first_ns <= frame.t_ns <= self.window.last_ns:
+                yield frame
         if not usable:
             why = ", ".join(self.dropped) or "it is empty"
             raise ImageFileError(f"{self.path}: no usable image: {why}")

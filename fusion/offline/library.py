@@ -12,11 +12,12 @@ import numpy.typing as npt
 
 from compass.errors import VisualCompassError
 from fusion.checks.warnings import Warning
-from fusion.offline.fuse_bag import fuse_bag, fuse_opened
+from fusion.offline.fuse_bag import Look, fuse_bag, fuse_opened, settings_as_used
 from fusion.offline.image_files import EMBEDDED, SensorFiles
 from fusion.offline.open_recording import open_recording
 from fusion.offline.results import table_of
 from fusion.offline.run import FusedRun
+from fusion.offline.source import source_of
 from fusion.offline.topics import TopicRequest
 from fusion.settings import Settings, load_settings
 
@@ -148,7 +149,8 @@ def fuse(
         raise ArgumentError("report=True writes a file; give out, the folder for it")
     if out is None:
         with open_recording(where, settings, request, files) as read:
-            details, summary = fuse_opened(where, read, settings, smooth=smooth)
+            used = settings_as_used(settings, request, smooth=smooth)
+            details, summary = fuse_opened(where, read, used, source_of(where), Look())
         return _finished(details, summary, None)
     done = fuse_bag(where, _path("out", out), settings, request, smooth=smooth, sensors=files, report=report)
     return _finished(done.run, done.summary, done.folder)

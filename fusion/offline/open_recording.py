@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from fusion.offline.bag import Bag, BagError
-from fusion.offline.folder import PICTURES, TIMES, WANTED, ImageFolder
+from fusion.offline.folder import TIMES, ImageFolder, refuse_pictures
 from fusion.offline.image_files import ImageFileError, ImageRecording, SensorFiles, read_image_recording
 from fusion.offline.recording import BagRecording, read_recording
 from fusion.offline.streams import Progress
@@ -57,18 +57,10 @@ def open_recording(
         return
     if sensors:
         raise BagError(f"{path}: --gyro, --odometry, --truth and --video-start go with a video or a folder of images")
-    _check_pictures(path)
+    refuse_pictures(path)
     with Bag(path) as bag:
         choice = choose_topics(bag, settings.topics, request)
         for role in ("image", "gyro", "odometry", "truth"):
             topic = getattr(choice, role)
             log.info("%s: %s", role, f"{topic.name} ({topic.short_type}, {topic.count})" if topic else "none")
         yield lambda progress: read_recording(bag, choice, settings.imu, columns, progress)
-
-
-def _check_pictures(path: Path) -> None:
-    """Refuse a folder of pictures without times in words that help; they would be looked for a bag in vain."""
-    if path.is_dir() and not (path / "metadata.yaml").exists():
-        pictures = sum(file.suffix.lower() in PICTURES for file in path.iterdir())
-        if pictures:
-            raise ImageFileError(f"{path}: {pictures} pictures but no {TIMES} to say when they were taken; {WANTED}")

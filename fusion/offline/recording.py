@@ -64,6 +64,8 @@ class BagRecording:
         When the samples of gyro and tracks were recorded.
     within : Span or None
         Time of the recording by most sensors' stamps.
+    window : Span or None
+        Part of that time from which frames are given; None: all.
     """
 
     bag: Bag
@@ -78,6 +80,7 @@ class BagRecording:
     vertical_words: str = ""
     witnesses: Sequence[Recorded] = ()
     within: Span | None = None
+    window: Span | None = None
 
     @property
     def warnings(self) -> list[Warning]:
@@ -127,6 +130,13 @@ class BagRecording:
         if unusable and not usable:
             raise BagError(f"{self.bag.path}: {topic.name}: no usable image among the first {unusable}: {fault}")
 
+    @property
+    def image_span(self) -> Span | None:
+        """From the first panorama of the recording's time on, for as long as was recorded."""
+        near = self.within.near if self.within else lambda t_ns: np.array(True)
+        first = next((t_ns for t_ns in self.image_stamps() if near(np.array(t_ns))), None)
+        return None if first is None else Span(first, first + self.bag.end_ns - self.bag.start_ns)
+
     def image_stamps(self) -> Iterator[int]:
         """Stamps of the panoramas that have any, ns, as recorded."""
         if self.choice.image:
@@ -134,7 +144,10 @@ class BagRecording:
 
     def _stamped_images(self, topic: Topic) -> Iterator[tuple[int, Any]]:
         """Stamps and messages, ordered by stamp within a bounded window."""
+        window = self.window
         for message in in_order(self._of_one_clock(topic), FRAMES_OUT_OF_ORDER):
+            if window and message.stamp_ns > 0 and not window.first_ns <= message.stamp_ns <= window.last_ns:
+                continue
             yield message.stamp_ns, self.bag.deserialize(message)
 
     def _of_one_clock(self, topic: Topic) -> Iterator[Message]:

@@ -14,24 +14,25 @@ import numpy as np
 from fusion import YawEstimate
 from fusion.buffer.events import Sensor
 from fusion.offline.bag_writer import BagWriter
+from fusion.offline.earlier_results import SUMMARY
 from fusion.offline.run import FusedRun, Row
 from fusion.offline.scores import yaw_at
 from fusion.offline.streams import Floats, Times, TruthTrack
 from fusion.settings import Settings, dump_settings
 
-OPTIONAL = ("smoothed.tum", "report.html", "run.rrd")  # not in the results of every run
 DIAGNOSTICS_EVERY_NS = 1_000_000_000
 
 
 def write_results(folder: Path, run: FusedRun, settings: Settings, summary: dict[str, Any]) -> None:
-    """Write all result files but the plot into `folder`."""
+    """Write all result files but the plot into `folder`; no TUM file without a single yaw."""
     write_csv(folder / "yaw.csv", run)
     write_tum(folder / "compass.tum", ((row.t_ns, row.compass.yaw) for row in run.rows if row.compass))
     write_tum(folder / "fused.tum", ((row.t_ns, row.fused.yaw) for row in run.rows if row.fused))
-    if any(row.smoothed for row in run.rows):
-        write_tum(folder / "smoothed.tum", ((row.t_ns, row.smoothed.yaw) for row in run.rows if row.smoothed))
+    write_tum(folder / "smoothed.tum", ((row.t_ns, row.smoothed.yaw) for row in run.rows if row.smoothed))
+    if run.truth is not None:
+        write_tum(folder / "truth.tum", zip(run.t_ns.tolist(), _true_yaws(run.truth, run.t_ns).tolist(), strict=True))
     write_mcap(folder / "result.mcap", run, settings)
-    (folder / "summary.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
+    (folder / SUMMARY).write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
     (folder / "config.yaml").write_text(dump_settings(settings), encoding="utf-8")
 
 
@@ -120,11 +121,14 @@ def seconds(t_ns: int) -> str:
 
 
 def write_tum(path: Path, yaws: Iterable[tuple[int, float]]) -> None:
-    """Write ``t x y z qx qy qz qw`` per line, as evo reads it; position 0."""
-    with path.open("w", encoding="utf-8") as file:
-        for t_ns, yaw in yaws:
-            if math.isfinite(yaw):
-                file.write(f"{seconds(t_ns)} 0 0 0 0 0 {math.sin(0.5 * yaw):.12g} {math.cos(0.5 * yaw):.12g}\n")
+    """Write ``t x y z qx qy qz qw`` per line, as evo reads it, position 0; no file where no yaw is known."""
+    lines = [
+        f"{seconds(t_ns)} 0 0 0 0 0 {math.sin(0.5 * yaw):.12g} {math.cos(0.5 * yaw):.12g}\n"
+        for t_ns, yaw in yaws
+        if math.isfinite(yaw)
+    ]
+    if lines:
+        path.write_text("".join(lines), encoding="utf-8")
 
 
 def write_mcap(path: Path, run: FusedRun, settings: Settings) -> None:

@@ -146,7 +146,7 @@ def _yaws(summary: Mapping[str, Any]) -> str:
         lines.append(f"<tr><td>truth</td><td>{_number(summary['truth_turned_deg'])}</td></tr>")
     for source, values in summary["yaw"].items():
         cells = "".join(f"<td>{_number(values.get(key))}</td>" for key in used)
-        lines.append(f"<tr><td>{html.escape(source)}</td>{cells}</tr>")
+        lines.append(f"<tr><td>{html.escape(source.replace('_', ' '))}</td>{cells}</tr>")
     return f"<table>{''.join(lines)}</table>"
 
 
