@@ -48,6 +48,14 @@ def bags(tmp_path_factory):
     return folder
 
 
+@pytest.fixture
+def in_this_process(monkeypatch):
+    """Call it, and bags are fused here: no process starts, which takes a second or more each."""
+    import fusion.offline.worker_pool as pool
+
+    return lambda: monkeypatch.setattr(pool, "run_in_processes", lambda tasks, jobs, part: map(run_task, tasks))
+
+
 def rows(folder: Path) -> dict[str, dict[str, str]]:
     with (folder / "summary.csv").open() as file:
         return {row["folder"]: row for row in csv.DictReader(file)}
@@ -87,6 +95,9 @@ def test_results_are_not_taken_for_bags(bags, tmp_path):
     assert main(["fuse", "-q", str(tmp_path / "in" / "mon" / "drive.mcap"), "--out", str(tmp_path / "in" / "r")]) == 0
     assert (tmp_path / "in" / "r" / "result.mcap").exists()
     assert len(find_bags([str(tmp_path / "in")])) == 3
+    for words in ([f"{tmp_path}/in/r/*.mcap"], [str(tmp_path / "in" / "r")]):
+        with pytest.raises(BagError, match=r"nothing but results|no bag in it"):
+            find_bags(words)
 
 
 # ---------------------------------------------------------------- named
@@ -105,6 +116,8 @@ def test_name_stays_when_more_bags_come_and_is_never_that_of_something_else(tmp_
     named = name_folders(["/x/a/drive.mcap", "/x/b/drive.mcap"], there)
     assert named["/x/a/drive.mcap"] == "drive_yaw"
     assert named["/x/b/drive.mcap"] not in there
+    # a folder that somebody gave a name of its own stays theirs
+    assert name_folders(["/x/a/drive.mcap"], {"best": first}) == {"/x/a/drive.mcap": "drive_yaw"}
 
 
 def test_name_stays_when_the_bag_has_moved(bags):
@@ -127,7 +140,7 @@ def test_names_never_collide(paths):
 # ---------------------------------------------------------------- fused
 
 
-def test_many_are_fused_told_skipped_and_gathered(bags, tmp_path, capsys):
+def test_many_are_fused_told_skipped_and_gathered(bags, tmp_path, capsys, in_this_process):
     bad = tmp_path / "bad.mcap"
     bad.write_text("no bag")
     command = ["fuse", str(bags), str(bad), "--out", str(tmp_path / "out"), "--jobs", "2"]
@@ -143,7 +156,8 @@ def test_many_are_fused_told_skipped_and_gathered(bags, tmp_path, capsys):
     assert "not a bag" in table["bad_yaw"]["error"]
     assert not (tmp_path / "out" / "bad_yaw").exists()
     stamp = (tmp_path / "out" / "dusk_yaw" / "yaw.csv").stat().st_mtime_ns
-    # again, one of them by other settings; another one has lost a file
+    # again: one of them has lost a file; then another part of two
+    in_this_process()
     (tmp_path / "out" / "mon_drive_yaw" / "yaw.png").unlink()
     assert main([*command[:2], *command[3:-1], "1"]) == 0
     assert "3 bags: 1 fused, 2 skipped" in capsys.readouterr().out
@@ -182,7 +196,7 @@ def with_path() -> dict[str, str]:
     return dict(os.environ, PYTHONPATH=os.pathsep.join([root, os.environ.get("PYTHONPATH", "")]))
 
 
-def test_interrupted_run_keeps_what_is_finished_and_goes_on(bags, tmp_path):
+def test_interrupted_run_keeps_what_is_finished_and_goes_on(bags, tmp_path, in_this_process):
     shutil.copytree(bags, tmp_path / "in")
     make_bag(tmp_path / "in" / "zz_long.mcap", seconds=600.0)
     out = tmp_path / "out"
@@ -197,6 +211,7 @@ def test_interrupted_run_keeps_what_is_finished_and_goes_on(bags, tmp_path):
     assert process.returncode == 128 + signal.SIGTERM
     assert err == "visual-compass: interrupted, what is finished stays, the same command goes on with the rest\n"
     assert {file.name for file in out.iterdir()} - {"summary.parquet"} == {"drive_yaw", "summary.csv"}
+    in_this_process()
     shutil.copy(tmp_path / "in" / "tue" / "dusk.mcap", tmp_path / "in" / "zz_long.mcap")
     assert main(["-q", *words, "--jobs", "1", "--out", str(out)]) == 0
     assert [row["status"] for row in rows(out).values()] == [SKIPPED, FUSED]

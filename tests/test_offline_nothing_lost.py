@@ -216,6 +216,12 @@ def test_file_that_exists_is_replaced_by_force_alone(tiny_bag, tmp_path, command
     assert tree(tmp_path) == {"mine": b"years of work"}
 
 
+def test_demo_does_not_replace_a_bag_of_that_name(tmp_path, capsys):
+    (tmp_path / "demo.mcap").write_text("years of work")
+    assert "exists already" in refused(["demo", "--out", tmp_path], capsys)
+    assert tree(tmp_path) == {"demo.mcap": b"years of work"}
+
+
 def test_evaluation_of_before_is_replaced(tiny_bag, tmp_path):
     for _ in range(2):
         assert main(["evaluate", "-q", str(tiny_bag), "--json", str(tmp_path / "all.json")]) == 0

@@ -168,7 +168,7 @@ def _fuse_many(
 ) -> None:
     from fusion.offline.batch import fuse_bags
 
-    result = fuse_bags(bags, out, settings, request, jobs=jobs or len(os.sched_getaffinity(0)), **options)
+    result = fuse_bags(bags, out, settings, request, jobs=jobs or os.cpu_count() or 1, **options)
     _say(str(result))
     if options["report"]:
         from fusion.offline.report.table import report_of_folder
@@ -335,13 +335,14 @@ def calibrate(
 @click.option(
     "--out", type=_PATH, metavar="DIR", default=Path("demo"), show_default=True, help="Folder for bag and results."
 )
-def demo(out: Path) -> None:
+@_FORCE
+def demo(out: Path, force: bool) -> None:
     """Simulate a short drive, write it as a bag, fuse that bag and compare with the truth."""
     from fusion.offline.demo import run_demo
     from fusion.offline.summary import warning_lines, yaw_table
     from fusion.settings import Settings
 
-    fused = run_demo(out, Settings())
+    fused = run_demo(out, Settings(), force=force)
     _say(yaw_table(fused.summary))
     for line in warning_lines(fused.summary["warnings"]):
         _say(line)

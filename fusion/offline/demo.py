@@ -30,17 +30,17 @@ def simulate_bag(experiment: str, seed: int, out: Path, settings: Settings, *, f
         record_drive(drive, out, settings, progress)
 
 
-def run_demo(folder: Path, settings: Settings) -> Fused:
+def run_demo(folder: Path, settings: Settings, *, force: bool = False) -> Fused:
     """Simulate the demo drive into ``folder/demo.mcap`` and fuse that bag into ``folder/yaw``.
 
     Raises
     ------
     VisualCompassError
-        `folder` cannot be written, or has another bag of that name in it than that of an earlier demo.
+        `folder` cannot be written, or has, without `force`, another bag of that name than an earlier demo left.
     """
     bag, results = folder / "demo.mcap", folder / "yaw"
     earlier = earlier_result(results)
-    ours = earlier is not None and bag.is_file() and earlier.source.same_as(source_of(bag))
+    ours = force or (earlier is not None and bag.is_file() and earlier.source.same_as(source_of(bag)))
     simulate_bag("demo", 0, bag, settings, force=ours)
     return fuse_bag(bag, results, settings, force=ours)
 

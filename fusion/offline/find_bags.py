@@ -49,6 +49,8 @@ def find_bags(words: Sequence[str], leave_out: Path | None = None) -> list[str]:
             found += [str(Path(path).absolute()) for path in paths if not _is_result(Path(path))]
         else:
             found += [str(path.absolute()) for path in bags_below(Path(word), leave_out)]
+    if not found:
+        raise BagError(f"{' '.join(words)}: nothing but results of earlier runs; {WANTED}")
     return list(dict.fromkeys(found))
 
 
@@ -130,7 +132,11 @@ def name_folders(bags: Sequence[str], there: Mapping[str, EarlierResult | None])
         got in an earlier run, also after it has moved.
     """
     wanted = set(bags)
-    named = {one.source.path: name for name, one in there.items() if one and one.source.path in wanted}
+    named = {
+        one.source.path: name
+        for name, one in there.items()
+        if one and one.source.path in wanted and name in _names(one.source.path)  # else somebody made it on purpose
+    }
     taken = {name.casefold() for name in named.values()}
     others = {name.casefold(): one for name, one in there.items() if name.casefold() not in taken}
     waiting, level = [bag for bag in bags if bag not in named], 0
@@ -146,9 +152,18 @@ def name_folders(bags: Sequence[str], there: Mapping[str, EarlierResult | None])
     return {bag: named[bag] for bag in bags}
 
 
+def _parts(bag: str) -> list[str]:
+    return [part for part in (urlsplit(bag).path if is_url(bag) else bag).split("/") if part] or ["bag"]
+
+
+def _names(bag: str) -> list[str]:
+    """All that a bag's folder may be called, but for further hashes."""
+    return [_name(bag, level) for level in range(2 * len(_parts(bag)) + 1)]
+
+
 def _name(bag: str, level: int) -> str:
     """Names that tell ever more: stem, file name; each with one parent more; and at last a hash."""
-    parts = [part for part in (urlsplit(bag).path if is_url(bag) else bag).split("/") if part] or ["bag"]
+    parts = _parts(bag)
     parents, whole = divmod(level, 2)
     if parents >= len(parts):
         return f"{stem(parts[-1])}_{hashlib.sha256(f'{level} {bag}'.encode()).hexdigest()[:8]}_yaw"
