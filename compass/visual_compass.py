@@ -127,7 +127,7 @@ class VisualCompass:
         ------
         ImageError
             `image` is no image at all (shape or type).
-        StampError
+        ArgumentError
             `t_ns` is no whole number, as seconds are.
         """
         t_ns = whole_ns(t_ns)

@@ -82,7 +82,7 @@ class YawFusion:
 
         Raises
         ------
-        StampError
+        ArgumentError
             Its stamp is no whole number, as seconds are.
         """
         sensor = sensor_of(sample)

@@ -11,10 +11,11 @@ import pytest
 from tiny_bags import START_NS, TinyDrive
 
 from compass import VisualCompass, VisualCompassError
+from compass.errors import ArgumentError
 from fusion import GyroSample, OdometrySample, YawFusion
 from fusion.offline import Run, fuse
 from fusion.offline.cli import main
-from fusion.offline.library import ArgumentError
+from fusion.offline.fuse_bag import fuse_bag
 from fusion.settings import Settings
 
 TURNED = float(TinyDrive().yaw(TinyDrive().seconds))
@@ -82,6 +83,11 @@ def test_library_refuses_arguments_of_a_wrong_kind_in_a_line(arguments, said, ti
     with pytest.raises(VisualCompassError, match=said) as caught:
         fuse(**{"path": tiny_bag, **arguments})
     assert "\n" not in str(caught.value)
+
+
+def test_text_for_a_path_is_refused_in_words(tiny_bag):
+    with pytest.raises(ArgumentError, match=r"path is '.*tiny.mcap', a str; give pathlib.Path"):
+        fuse_bag(str(tiny_bag), None, Settings())
 
 
 @pytest.mark.parametrize("seconds", [1.5, 1_700_000_000.0, np.float64(2.0), "3"])

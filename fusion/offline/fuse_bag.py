@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from compass.errors import ArgumentError
 from fusion.offline.atomic_output import staged_folder
 from fusion.offline.bag import BagError
 from fusion.offline.console import progress_bar
@@ -98,6 +99,9 @@ def fuse_bag(
     VisualCompassError
         The bag or the place for the results cannot be used; nothing is written then.
     """
+    if not isinstance(path, Path):
+        told = f"path is {path!r}, a {type(path).__name__}"
+        raise ArgumentError(f"{told}; give pathlib.Path, or call fusion.offline.fuse, which takes both")
     if report:
         check_bokeh()
     if rerun:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from compass.errors import VisualCompassError
+from compass.errors import ArgumentError
 from fusion.checks.warnings import Warning
 from fusion.offline.fuse_bag import Look, fuse_bag, fuse_opened, settings_as_used
 from fusion.offline.image_files import EMBEDDED, SensorFiles
@@ -27,10 +27,6 @@ if TYPE_CHECKING:
 PathLike = str | os.PathLike[str]
 WORDS = ("compass_status", "warnings")  # columns of text
 LATEST_S = 1e11  # s, year 5138; later ones are meant in other units
-
-
-class ArgumentError(VisualCompassError, TypeError):
-    """An argument of another type or unit than is wanted."""
 
 
 @dataclass(frozen=True, slots=True)
