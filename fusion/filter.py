@@ -73,6 +73,9 @@ class YawFilter:
     ) -> FilterState:
         """State after `event`, which must not be older than `before`; `tape` takes down how it came about."""
         state = before.fork(tape)
+        if isinstance(event, ReferenceEvent) and before.t_ns == event.t_ns:  # all is known of that time already
+            self._compass.refer(state, event)
+            return state
         if isinstance(event, TracksEvent):
             state.odometry_fields, sample = before.odometry_fields.after(event.sample, before.trail.up_at(event.t_ns))
             event = replace(event, sample=sample)

@@ -14,6 +14,7 @@ from operator import attrgetter
 
 import numpy as np
 
+from compass import YawIncrement
 from fusion.buffer.events import (
     CompassEvent,
     FusionEvent,
@@ -93,14 +94,15 @@ def ordered_events(samples: Iterable[Sample], config: FusionConfig) -> list[Fusi
             continue
         event = event_of(sample)
         events[event.order] = event
-    last_long, first_order = None, min(events, default=())
+    before: dict[bool, YawIncrement] = {}
+    first_order = min(events, default=())
     for event in sorted((e for e in events.values() if isinstance(e, CompassEvent)), key=attrgetter("order")):
         increment = event.sample
         first = event.order == first_order
-        if first or needs_reference(increment, last_long, config.reference_window * 1e9):
+        if first or needs_reference(increment, before.get(increment.long_baseline), config.reference_window * 1e9):
             reference = reference_of(increment)
             events[reference.order] = reference
-        last_long = increment if increment.long_baseline else last_long
+        before[increment.long_baseline] = increment
     return [events[order] for order in sorted(events)]
 
 

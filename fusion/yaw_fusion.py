@@ -64,7 +64,7 @@ class YawFusion:
         self._lag_ns, self._reference_ns = lag_ns, reference_ns
         self._reach_ns = max(lag_ns, SHORTEST_REACH_NS)
         self._timeline: Timeline[FusionEvent, FilterState] = Timeline(start, self._filter.step, lag_ns + reference_ns)
-        self._last_long: YawIncrement | None = None
+        self._last_increments: dict[bool, YawIncrement] = {}  # from the keyframe, and over a long baseline
         self._ahead, self._behind = Elsewhen(True, max(lag_ns, LONE_NS)), Elsewhen(False, BACKLOG_NS)
         self._heard: dict[Sensor, int] = {}  # newest stamp of each sensor
         self._first_ns = FOREVER_NS  # of all stamps
@@ -190,10 +190,17 @@ class YawFusion:
     def _remember_reference(self, increment: YawIncrement) -> None:
         """See to it that the filter has the yaw at an increment's reference, as far as it may go back for that."""
         first = self._timeline.newest_ns is None  # then there is no yaw but the initial one, which it had then
-        if first or needs_reference(increment, self._last_long, self._reference_ns):
+        before = self._last_increments.get(increment.long_baseline)
+        if before is not None and increment.t_ns < before.t_ns:
+            # it comes between others: those after it may have counted on the one before it
+            for later in self._timeline.after(increment.t_ns):
+                if isinstance(later, CompassEvent) and later.sample.t_ref_ns < increment.t_ns:
+                    self._timeline.add(reference_of(later.sample))
+            before = None
+        elif before is None or increment.t_ns > before.t_ns:
+            self._last_increments[increment.long_baseline] = increment
+        if first or needs_reference(increment, before, self._reference_ns):
             self._timeline.add(reference_of(increment))
-        if increment.long_baseline:
-            self._last_long = increment
 
     def set_yaw(self, heading: float, variance: float) -> None:
         """Say what the yaw is now, modulo a turn (rad, variance rad^2): the turn count and all references stay.

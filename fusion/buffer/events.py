@@ -17,6 +17,8 @@ NONSENSE_RATE = 1e3  # m/s and rad/s; a driver's nonsense beyond it could overfl
 class Sensor(Enum):
     """Where samples come from."""
 
+    __hash__ = object.__hash__  # an enumeration's own is Python, and asked for a dozen times a sample
+
     GYRO = "gyro"
     TRACKS = "tracks"
     COMPASS = "compass"
@@ -101,14 +103,12 @@ def reference_of(increment: YawIncrement) -> ReferenceEvent:
     )
 
 
-def needs_reference(increment: YawIncrement, last_long: YawIncrement | None, window_ns: float) -> bool:
+def needs_reference(increment: YawIncrement, before: YawIncrement | None, window_ns: float) -> bool:
     """Whether the yaw at an increment's reference, no further back than a window, must be remembered anew.
 
-    The filter still has both views of the last increment from some seconds ago, `last_long`.
+    The filter still has both yaws of the last increment of its kind `before` it: the reference, and the image itself.
     """
-    kept = (
-        increment.long_baseline and last_long is not None and increment.t_ref_ns in (last_long.t_ref_ns, last_long.t_ns)
-    )
+    kept = before is not None and increment.t_ref_ns in (before.t_ref_ns, before.t_ns)
     return increment.t_ns - increment.t_ref_ns <= window_ns and not kept
 
 

@@ -112,7 +112,7 @@ class Isolation:
 
     def excludes(self, sensor: Sensor) -> bool:
         """Whether a sensor is not listened to."""
-        return any(one.sensor is sensor for one in self.exclusions)
+        return bool(self.exclusions) and any(one.sensor is sensor for one in self.exclusions)
 
     def variance(self, t_ns: int) -> float:
         """What all alternatives add at a time, ns, to the variance of the yaw, rad^2."""

