@@ -154,7 +154,7 @@ def _tilt_remark(summary: dict[str, Any]) -> str | None:
     tilt = summary["greatest_tilt_deg"]
     if tilt is None or tilt < SMALL_TILT:
         return None
-    return f"the robot tilted by up to {tilt:.0f} deg; its turns were made changes of heading (if it did not: `imu.up`)"
+    return f"the robot was tilted by up to {tilt:.0f} deg; turns were made changes of heading (if it was not: `imu.up`)"
 
 
 def _gap_remark(summary: dict[str, Any]) -> str | None:
@@ -173,7 +173,7 @@ def _delay_remark(summary: dict[str, Any]) -> str | None:
 
 
 def _greatest_tilt_deg(gyro: GyroTrack) -> float | None:
-    """How far the robot tilted at most; None where that is never known."""
+    """Largest tilt of the robot; None where that is never known."""
     known = gyro.up[np.isfinite(gyro.up[:, 0])]
     return max((math.degrees(tilt_angle(tuple(up))) for up in known.tolist()), default=None)
 
