@@ -9,6 +9,7 @@ import sys
 import urllib.parse
 from pathlib import Path
 
+import numpy as np
 import pytest
 from tiny_bags import START_NS, TinyBag, TinyDrive
 
@@ -127,6 +128,16 @@ def test_report_lights_the_warnings_that_hold_at_the_cursor(browser, results):
             near_an_edge = any(abs(t - edge) < 0.01 for span in json.loads(spans) for edge in span)
             assert near_an_edge or (shown == "held") == holds
             assert warning["text"] in text
+    assert complaints(browser) == []
+
+
+def test_report_of_a_run_that_measured_nothing_opens_without_complaint(browser, tmp_path):
+    with TinyBag(tmp_path / "dark") as bag:
+        for t in TinyDrive().times(10):
+            bag.compressed("/pano/compressed", START_NS + round(t * 1e9), np.zeros((32, 64), np.uint8))
+    assert main(["fuse", str(tmp_path / "dark"), "--out", str(tmp_path / "out"), "--report"]) == 0
+    opened(browser, tmp_path / "out" / "report.html", "window.Bokeh?.index?.roots?.length > 0")
+    assert 0.0 < point_at(browser, 0.5) < TinyDrive().seconds
     assert complaints(browser) == []
 
 

@@ -40,6 +40,7 @@ class Panels:
         margin = 0.01 * last
         self.x_range: Range1d = Range1d(-margin, last + margin, bounds=(-last, 2.0 * last))
         self.figures: list[Figure] = []
+        self._scaled: set[Figure] = set()  # those with limits, or with a number that tells some
 
     def _seconds(self, t_ns: Times) -> Floats:
         return 1e-9 * np.asarray(np.asarray(t_ns, np.int64) - self.start_ns, np.float64)
@@ -61,12 +62,15 @@ class Panels:
         )  # fmt: skip
         if limits is not None:
             made.y_range = Range1d(*limits)
+            self._scaled.add(made)
         self.figures.append(made)
         return made
 
     def line(self, panel: Figure, name: str, t_ns: Times, values: Floats, colour: str, width: float = 1.2) -> None:
         """A curve with its entry in the legend, which hides it at a click."""
         values = np.where(np.abs(values) <= LARGEST, values, np.nan)
+        if np.isfinite(values).any():
+            self._scaled.add(panel)
         kept = curves.thinned(values, MOST_POINTS)
         panel.line(
             self._seconds(t_ns[kept]),
@@ -102,11 +106,15 @@ class Panels:
 
     def finish(self) -> list[Figure]:
         """All panels: warnings shaded, legends outside, the axis of time named at the bottom."""
+        from bokeh.models import Range1d
+
         spans = [span for one in self.run.warnings for span in one.spans]
         since, until = (
             (self._seconds(np.array(edges, np.int64)) for edges in zip(*spans, strict=True)) if spans else ([], [])
         )
         for panel in self.figures:
+            if panel not in self._scaled:
+                panel.y_range = Range1d(0.1, 10.0)
             panel.vstrip(x0=since, x1=until, level="underlay", fill_color=COLOUR, fill_alpha=0.25, line_color=COLOUR)
             if panel.legend:
                 panel.add_layout(panel.legend[0], "right")
