@@ -20,6 +20,10 @@ CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shuti
 DRIVER = shutil.which("chromedriver")
 NAME = "a <b> & $c.mcap"  # all that HTML could take for its own
 FIGURES = "const found = [...Bokeh.documents[0]._all_models.values()].filter(model => model.type === 'Figure');"
+BOX = (
+    FIGURES + "const r = Bokeh.index.find_one(found[0]).el.getBoundingClientRect();"
+    "return [r.left, r.top, r.width, r.height]"
+)
 
 
 @pytest.fixture(scope="module")
@@ -76,10 +80,7 @@ def point_at(browser, share: float) -> float:
     """Move the mouse over the first panel, so far across it; gives the time that is shown then."""
     from selenium.webdriver.common.action_chains import ActionBuilder
 
-    left, top, width, height = browser.execute_script(
-        FIGURES + "const r = Bokeh.index.find_one(found[0]).el.getBoundingClientRect();"
-        "return [r.left, r.top, r.width, r.height]"
-    )
+    left, top, width, height = browser.execute_script(BOX)
     mouse = ActionBuilder(browser)
     mouse.pointer_action.move_to_location(round(left + share * width), round(top + 0.5 * height))
     mouse.perform()
@@ -110,6 +111,23 @@ def test_report_shows_the_panorama_and_the_lines_at_the_cursor(browser, results)
     assert len(lines) >= 6
     assert all(visible and location == pytest.approx(times[-1], abs=0.006) for visible, location in lines)
     assert browser.execute_script("return performance.getEntriesByType('resource').length") == 0
+    assert complaints(browser) == []
+
+
+def test_report_zooms_all_panels_where_the_mouse_was_dragged(browser, results):
+    from selenium.webdriver.common.action_chains import ActionBuilder
+
+    opened(browser, results / NAME / "report.html", "window.Bokeh?.index?.roots?.length > 0")
+    begin, end = point_at(browser, 0.2), point_at(browser, 0.5)
+    left, top, width, height = browser.execute_script(BOX)
+    mouse = ActionBuilder(browser)
+    mouse.pointer_action.move_to_location(round(left + 0.2 * width), round(top + 0.5 * height)).pointer_down()
+    mouse.pointer_action.move_to_location(round(left + 0.5 * width), round(top + 0.6 * height)).pointer_up()
+    mouse.perform()
+    ranges = browser.execute_script(FIGURES + "return found.map(f => [f.x_range.start, f.x_range.end])")
+    assert len(ranges) >= 6
+    for shown in ranges:
+        assert shown == pytest.approx([begin, end], abs=0.01)  # 1 px is 0.004 s
     assert complaints(browser) == []
 
 

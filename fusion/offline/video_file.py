@@ -18,7 +18,10 @@ from fusion.offline.streams import Floats, Frame, Times
 if TYPE_CHECKING:
     import av
 
-SUFFIXES = (".mp4", ".m4v", ".mov", ".mkv", ".webm", ".avi", ".ts", ".insv", ".360", ".lrv")
+SUFFIXES = (
+    *(".mp4", ".m4v", ".mov", ".mkv", ".webm", ".avi", ".ts", ".mts", ".m2ts", ".mpg", ".mpeg", ".3gp", ".ogv"),
+    *(".insv", ".360", ".lrv"),
+)
 MISSING = 0.01  # of the frames that the container counts
 HALVINGS = (8, 4, 2)
 
