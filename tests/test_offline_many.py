@@ -30,10 +30,10 @@ from fusion.settings import Settings
 
 def make_bag(path: Path, seconds: float = 1.0, rate: float = 0.5) -> Path:
     """A gyro alone: fused in no time."""
+    path.parent.mkdir(exist_ok=True)
     with TinyBag(path.parent / "made") as bag:
         for k in range(round(100 * seconds)):
             bag.imu("/imu/data", START_NS + k * 10**7, rate)
-    path.parent.mkdir(exist_ok=True)
     (path.parent / "made" / "made.mcap").rename(path)
     shutil.rmtree(path.parent / "made")
     return path
@@ -264,6 +264,15 @@ def test_recording_that_fails_unforeseen_is_told_with_its_trace(bags, tmp_path, 
     assert list(tmp_path.iterdir()) == []
 
 
+def test_recording_that_has_changed_is_not_taken_for_finished(tmp_path):
+    bag = make_bag(tmp_path / "in" / "drive.mcap")
+    assert run_task(task(bag, tmp_path / "out")).status == FUSED
+    make_bag(bag, rate=0.3)
+    assert "as it was before it changed" in run_task(task(bag, tmp_path / "out")).error
+    assert run_task(task(bag, tmp_path / "out", force=True)).status == FUSED
+    assert run_task(task(bag, tmp_path / "out")).status == SKIPPED
+
+
 def test_recording_for_another_version_is_refused(bags, tmp_path):
     outcome = run_task(task(bags / "mon" / "drive.mcap", tmp_path / "out", version="99.0"))
     assert "not 99.0" in outcome.error
@@ -288,6 +297,27 @@ def test_tables_say_the_same_and_know_each_other(tmp_path):
         check_tables(tmp_path)
 
 
+@pytest.mark.parametrize(
+    "summary",
+    [
+        "",
+        "[]",
+        "{}",
+        '{"source": {"path": "/x", "size_bytes": 1, "content": "a"}, "settings_hash": "", "yaw": 3}',
+        '{"source": {"path": "/x", "size_bytes": 1, "content": "a"}, "settings_hash": "", "warnings": [3, {}],'
+        ' "yaw": {"fused": 3, "gyro_alone": {"turned_deg": "x"}}, "images": {"ok": []}, "track_scale": "x"}',
+    ],
+)
+def test_summaries_that_are_none_do_not_spoil_the_table(bags, tmp_path, in_this_process, summary):
+    in_this_process()
+    for name in ("odd", "other_yaw"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "summary.json").write_text(summary)
+    bag = str(bags / "mon" / "drive.mcap")
+    assert main(["fuse", "-q", bag, "--jobs", "1", "--out", str(tmp_path), "--force", "--end", "0.1"]) == 0
+    assert rows(tmp_path)["drive_yaw"]["status"] == FUSED
+
+
 def test_progress_in_a_pipe_is_a_line_a_minute(capsys):
     now = [0.0]
     lines = console.MinuteLines("fusing", lambda: now[0])
@@ -305,6 +335,9 @@ def test_progress_of_many_in_a_pipe_counts_parts_too(tmp_path, capsys):
     now[0] = 60.0
     lines.part(task("/c", tmp_path), 0.5)
     assert capsys.readouterr().err == "failed: /b: wrong\n2 of 4 bags, 1 failed, 36 s left\n"
+    now[0] = 120.0  # where no parts are told, as on a cluster
+    lines.end(BagOutcome("/c", tmp_path, FUSED))
+    assert capsys.readouterr().err == "3 of 4 bags, 1 failed, 40 s left\n"
 
 
 @pytest.mark.parametrize("words", [["-q", "fuse"], ["fuse", "-q"], ["fuse", "--quiet"]])

@@ -75,6 +75,9 @@ class Lines:
     def part(self, task: BagTask, part: float) -> None:
         """Note it, and tell if it is time to."""
         self._parts[task.bag] = part
+        self._tell()
+
+    def _tell(self) -> None:
         now = self._clock()
         if now - self._last < self._every_s:
             return
@@ -91,6 +94,7 @@ class Lines:
         self._failed += outcome.status == FAILED
         for line in _told(outcome):
             print(line, file=sys.stderr, flush=True)
+        self._tell()
 
 
 class Bars:

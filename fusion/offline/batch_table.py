@@ -41,12 +41,16 @@ def row_of(outcome: BagOutcome, table: Path) -> dict[str, Any]:
     row["processing_s"] = round(outcome.seconds, 3)
     if not summary:
         return row
-    for key in ("start_ns", "duration_s", "truth_turned_deg", *_ESTIMATES, "settings_hash", "package_version"):
-        row[key] = summary.get(key)
+    facts = {key: summary.get(key) for key in ("start_ns", "duration_s", "truth_turned_deg", *_ESTIMATES)}
     for source in _SOURCES:
-        row |= {f"{source}_{fact}": summary["yaw"].get(source, {}).get(fact) for fact in _FACTS}
-    row["warnings"] = " ".join(dict.fromkeys(one["code"] for one in summary["warnings"]))
-    row["images"] = sum(summary["images"].values())
+        yaw = summary["yaw"].get(source)
+        facts |= {f"{source}_{fact}": yaw.get(fact) for fact in _FACTS if isinstance(yaw, dict)}
+    row |= {name: value for name, value in facts.items() if type(value) in (int, float)}
+    row["warnings"] = " ".join(
+        dict.fromkeys(str(one.get("code")) for one in summary["warnings"] if isinstance(one, dict))
+    )
+    row["images"] = sum(count for count in summary["images"].values() if type(count) is int)
+    row |= {"settings_hash": summary["settings_hash"], "package_version": str(summary.get("package_version"))}
     row["size_bytes"], row["content"] = summary["source"]["size_bytes"], summary["source"]["content"]
     return row
 

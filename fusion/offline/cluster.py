@@ -7,12 +7,15 @@ appear complete or not at all, it does not matter how often it was begun.
 from __future__ import annotations
 
 import importlib
+import logging
 from collections.abc import Iterator, Sequence
 from itertools import islice
 from typing import Any
 
 from compass.errors import VisualCompassError
 from fusion.offline.bag_task import FAILED, BagOutcome, BagTask, run_task
+
+log = logging.getLogger(__name__)
 
 MOST_SUBMITTED = 1000  # at a time: the scheduler's memory does not grow with the number of recordings
 _ANSWER_WITHIN_S = 20.0
@@ -36,6 +39,8 @@ def run_on_cluster(tasks: Sequence[BagTask], scheduler: str) -> Iterator[BagOutc
         words = " ".join(str(error).split()) or type(error).__name__
         raise VisualCompassError(f"{scheduler}: no Dask scheduler answers there: {words}") from error
     with client:
+        if not client.scheduler_info()["workers"]:
+            log.warning("%s: no worker is there yet; waiting for one", scheduler)
         waiting, under_way = iter(tasks), {}
 
         def submit(count: int) -> list[Any]:

@@ -18,14 +18,9 @@ from fusion.settings import Settings
 
 SUMMARY = "summary.json"
 ALWAYS = ("yaw.csv", "result.mcap", SUMMARY, "yaw.png", "config.yaml")
-OPTIONAL = (
-    "compass.tum",
-    "fused.tum",
-    "smoothed.tum",
-    "truth.tum",
-    "report.html",
-    "run.rrd",
-)  # not in the results of every run
+# not in the results of every run
+OPTIONAL = ("compass.tum", "fused.tum", "smoothed.tum", "truth.tum", "report.html", "run.rrd")
+_KINDS = {"settings_hash": str, "yaw": dict, "warnings": list, "images": dict}  # what others rely on
 _LARGEST = 64 << 20  # bytes of a summary; warnings make the most of it
 
 
@@ -43,6 +38,9 @@ def earlier_result(folder: Path) -> EarlierResult | None:
     try:
         summary = json.loads(read_bounded(folder / SUMMARY, _LARGEST, "give a folder of results"))
         source = Source(**summary["source"])
+        values = (source.path, source.size_bytes, source.content, *(summary[key] for key in _KINDS))
+        if not all(map(isinstance, values, (str, int, str, *_KINDS.values()))):
+            return None
         return EarlierResult(source, summary["settings_hash"], summary)
     except (ConfigError, ValueError, TypeError, LookupError, RecursionError):  # no file, no JSON, none of ours
         return None

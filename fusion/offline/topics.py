@@ -104,8 +104,7 @@ def _choose(
     candidates = [topic for topic in candidates if topic.name not in taken]
     named = [topic for topic in candidates if _base(topic) == _strip_transport(preferred)]
     if named:
-        exact = [topic for topic in named if topic.name == preferred != _strip_transport(preferred)]
-        return (exact or named)[0]
+        return named[0]
     if not by_type:
         return None
     if len({_base(topic) for topic in candidates}) > 1:
