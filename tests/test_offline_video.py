@@ -155,7 +155,7 @@ REFUSED = {
     "device": (["ride.mp4", "--gyro", "/dev/zero"], "no regular file"),
     "empty": (["ride.mp4", "--odometry", "empty.csv"], "its columns are none"),
     "topics": (["ride.mp4", "--gyro-topic", "/imu"], "give --gyro and --odometry CSV files"),
-    "pictures without times": (["pictures"], "1 pictures but no times.csv"),
+    "pictures without times": (["pictures"], "2 pictures but no times.csv"),
     "times without pictures": (["times"], "no row can be used: has no rows"),
     "start of a folder": (["ride", "--video-start", "1"], "is for videos"),
     "gyro of a folder": (["ride", "--gyro", "embedded"], "has no gyro inside"),
@@ -176,7 +176,8 @@ def test_video_or_folder_that_cannot_be_used_is_refused_in_a_line(
     Path("empty.csv").write_text("")
     for name in ("pictures", "times"):
         Path(name).mkdir()
-    Path("pictures/1.jpg").write_bytes(b"")
+    for name in ("1.jpg", "2.PNG"):
+        (Path("pictures") / name).write_bytes(b"")
     Path("times/times.csv").write_text("file,t\n")
     assert main(["fuse", *arguments, "--out", "out"]) == 1
     error = capsys.readouterr().err

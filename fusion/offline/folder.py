@@ -96,5 +96,5 @@ def refuse_pictures(path: Path) -> None:
     """Refuse a folder of pictures without times in words that help; they would be looked for a bag in vain."""
     if path.is_dir() and not (path / "metadata.yaml").exists():
         pictures = sum(file.suffix.lower() in PICTURES for file in path.iterdir())
-        if pictures:
+        if pictures > 1:  # a single one is a plot, or a preview
             raise ImageFileError(f"{path}: {pictures} pictures but no {TIMES} to say when they were taken; {WANTED}")
