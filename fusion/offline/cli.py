@@ -16,11 +16,10 @@ import click
 from compass.errors import VisualCompassError
 from fusion.offline.commands import allan, report
 from fusion.offline.sensor_options import sensor_file_options
+from fusion.offline.verbosity import QuietGroup, say
 
 if TYPE_CHECKING:
     from fusion.offline.image_files import SensorFiles
-    from fusion.offline.topics import TopicRequest
-    from fusion.settings import Settings
 
 # Our matrices are small: more BLAS threads than one only wait for each other. Before numpy is imported, and inherited.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -31,43 +30,10 @@ _PATH = click.Path(path_type=Path)
 _FORCE = click.option("--force", is_flag=True, help="Write where something else is than an earlier result.")
 
 
-def _speak(level: int) -> Callable[[click.Context, click.Parameter, bool], None]:
-    """What an option does that sets how much is said."""
-
-    def choose(_context: click.Context, _option: click.Parameter, given: bool) -> None:
-        if given:
-            logging.getLogger().setLevel(level)
-
-    return choose
-
-
-class _Command(click.Command):
-    """A command that takes ``-v`` and ``--quiet``, as the group before it does."""
-
-    def __init__(self, *arguments: Any, **options: Any) -> None:
-        super().__init__(*arguments, **options)
-        for names, level, text in (
-            (("-v", "--verbose"), logging.INFO, "Say what is being done."),
-            (("-q", "--quiet"), logging.ERROR, "Say nothing but errors: no progress, no warnings, no tables."),
-        ):
-            callback = _speak(level)
-            self.params.append(click.Option(names, is_flag=True, expose_value=False, callback=callback, help=text))
-
-
-class _Group(_Command, click.Group):
-    command_class = _Command
-
-
-@click.group(cls=_Group, context_settings={"help_option_names": ["-h", "--help"]})
+@click.group(cls=QuietGroup, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(package_name="visual-compass")
 def cli() -> None:
     """Yaw of a tracked robot from a 360-degree camera, a gyro and track odometry."""
-
-
-def _say(text: str) -> None:
-    """Print what a command has to tell, unless ``--quiet``; plain results that were asked for are printed always."""
-    if logging.getLogger().isEnabledFor(logging.WARNING):
-        click.echo(text)
 
 
 def _topic_options(command: Command) -> Command:
@@ -125,6 +91,7 @@ def fuse(
 
     A BAG may also be a video, or a folder of images with a times.csv (file; t in s, or t_ns).
     """
+    from fusion.offline.fuse_command import fuse_named
     from fusion.offline.topics import TopicRequest
     from fusion.settings import load_settings
 
@@ -132,50 +99,8 @@ def fuse(
     settings = load_settings(config, {name: value for name, value in given.items() if value is not None})
     request = TopicRequest(image, gyro, odometry, truth)
     inputs = [config] if config else []
-    found, many = _bags(bags, out)
-    more: dict[str, Any] = {"force": force, "inputs": inputs, "report": with_report, "rerun": rerun}
-    if many or jobs or scheduler:
-        if sensors:
-            raise click.UsageError("--gyro, --odometry, --truth, --video-start: for one video or folder of images")
-        _fuse_many(found, out or Path(), settings, request, jobs=jobs, scheduler=scheduler, **more)
-    else:
-        _fuse_one(Path(bags[0]), out, settings, request, sensors=sensors, **more)
-
-
-def _bags(words: Sequence[str], out: Path | None) -> tuple[list[str], bool]:
-    """The bags that are named, and whether they are fused as many are: not where one file or folder is one bag."""
-    if len(words) == 1 and Path(words[0]).is_file():
-        return [str(Path(words[0]).absolute())], False
-    from fusion.offline.find_bags import find_bags
-
-    found = find_bags(words, out)
-    return found, len(words) > 1 or found != [str(Path(words[0]).absolute())]
-
-
-def _fuse_one(bag: Path, out: Path | None, settings: Settings, request: TopicRequest, **options: Any) -> None:
-    from fusion.offline.fuse_bag import fuse_bag
-    from fusion.offline.summary import remarks, warning_lines, yaw_table
-
-    fused = fuse_bag(bag, out, settings, request, **options)
-    _say(yaw_table(fused.summary))
-    for line in (*warning_lines(fused.summary["warnings"]), *remarks(fused.summary)):
-        _say(line)
-    _say(f"results in {fused.folder}/, plot in {fused.folder / 'yaw.png'}")
-
-
-def _fuse_many(
-    bags: Sequence[str], out: Path, settings: Settings, request: TopicRequest, *, jobs: int | None, **options: Any
-) -> None:
-    from fusion.offline.batch import fuse_bags
-
-    result = fuse_bags(bags, out, settings, request, jobs=jobs or os.cpu_count() or 1, **options)
-    _say(str(result))
-    if options["report"]:
-        from fusion.offline.report.table import report_of_folder
-
-        _say(f"table of all in {report_of_folder(out)[0]}")
-    if result.failed:
-        raise VisualCompassError(f"{result.failed} of {len(bags)} bags failed; {out / 'summary.csv'} says why")
+    options: dict[str, Any] = {"jobs": jobs, "scheduler": scheduler, "force": force, "inputs": inputs}
+    fuse_named(bags, out, settings, request, sensors, report=with_report, rerun=rerun, **options)
 
 
 @cli.command(short_help="What is in a bag, and what is wrong with it.")
@@ -211,7 +136,7 @@ def simulate(experiment: str | None, out: Path | None, seed: int, config: Path |
         return
     out = out or Path(f"{experiment}.mcap")
     simulate_bag(experiment, seed, out, load_settings(config), force=force)
-    _say(f"{out}: {experiment}, seed {seed}")
+    say(f"{out}: {experiment}, seed {seed}")
 
 
 @cli.command(short_help="Score every compass, each sensor and the fused yaw.")
@@ -328,7 +253,7 @@ def calibrate(
     from fusion.settings import load_settings
 
     request = TopicRequest(image, gyro, odometry, truth)
-    _say(calibrate_bag(bag, load_settings(config), request, out, mask_preview, force=force))
+    say(calibrate_bag(bag, load_settings(config), request, out, mask_preview, force=force))
 
 
 @cli.command(short_help="Simulate a short drive, fuse it, compare with the truth.")
@@ -343,10 +268,10 @@ def demo(out: Path, force: bool) -> None:
     from fusion.settings import Settings
 
     fused = run_demo(out, Settings(), force=force)
-    _say(yaw_table(fused.summary))
+    say(yaw_table(fused.summary))
     for line in warning_lines(fused.summary["warnings"]):
-        _say(line)
-    _say(f"bag {out / 'demo.mcap'}, results in {fused.folder}/, plot {fused.folder / 'yaw.png'}")
+        say(line)
+    say(f"bag {out / 'demo.mcap'}, results in {fused.folder}/, plot {fused.folder / 'yaw.png'}")
 
 
 @cli.command(short_help="Print the JSON Schema of parameter files or of summary.json.")
