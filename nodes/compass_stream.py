@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import threading
 import time
@@ -16,7 +17,7 @@ from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from sensor_msgs.msg import CompressedImage, Image
 
-from compass import CompassStatus, VisualCompass, YawIncrement
+from compass import CompassStatus, ConfigError, VisualCompass, YawIncrement
 from compass.features.long_baseline import Comparison
 from fusion.compass_rate import CompassRate
 from fusion.messages import image_of, stamp_to_ns
@@ -133,7 +134,7 @@ class CompassStream:
     def _serve(self, message: ImageMessage) -> None:
         compass = self._compass
         t_ns = stamp_to_ns(message.header.stamp)
-        image, encoding = image_of(message, compass.config.columns)
+        image, encoding = image_of(message, compass.config.decoded_columns)
         increment = self._measure(t_ns, image, encoding)
         if increment is not None:
             self._confidence = increment.confidence
@@ -171,5 +172,6 @@ def warm_up(settings: Settings) -> None:
     """Let the libraries load and plan what they do on first use; else the first images would wait for that."""
     compass = VisualCompass(settings.compass)
     view = np.random.default_rng(0).integers(0, 256, (512, 1024), np.uint8)
-    for t_ns, shift in enumerate((0, 3), 1):
-        compass.update(t_ns * 30_000_000, np.roll(view, shift, axis=1))
+    with contextlib.suppress(ConfigError):  # the region of interest may lie outside of an image of another shape
+        for t_ns, shift in enumerate((0, 3), 1):
+            compass.update(t_ns * 30_000_000, np.roll(view, shift, axis=1))

@@ -242,9 +242,9 @@ def landmarks_of(strip: Strip) -> Landmarks:
         return nothing
     at = np.array([corner.pt for corner in corners]) - [MARGIN, 0.0]
     inside = (at[:, 0] >= -0.5) & (at[:, 0] < strip.columns - 0.5)  # each once
-    if strip.seen is not None:
+    if picture.clear is not None:
         column, row = np.rint(at).astype(np.intp).T
-        inside &= strip.seen.pixels[row, column % strip.columns] > 0.0
+        inside &= picture.clear[row, column % strip.columns]
     return Landmarks(picture, at[inside], np.asarray(descriptors, np.uint8)[inside])
 
 

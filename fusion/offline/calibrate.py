@@ -88,7 +88,7 @@ def calibrate_bag(path: Path, settings: Settings, request: TopicRequest, out: Pa
         if choice.image is None:
             raise BagError(f"{path}: no panoramas in it; name their topic with --image-topic")
         with progress_bar("reading samples") as progress:
-            recording = read_recording(bag, choice, settings.imu, settings.compass.columns, progress)
+            recording = read_recording(bag, choice, settings.imu, settings.compass.decoded_columns, progress)
         with progress_bar("fusing") as progress:
             run = fuse_recording(recording, _with_given_scale(settings), progress)
         if wrong := contradiction(run):

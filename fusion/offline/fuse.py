@@ -62,7 +62,7 @@ def fuse_bag(
             log.info("%s: %s", role, f"{topic.name} ({topic.short_type}, {topic.count})" if topic else "none")
         with staged_folder(out, OPTIONAL) as staging:
             with progress_bar("reading samples") as progress:
-                recording = read_recording(bag, choice, settings.imu, settings.compass.columns, progress)
+                recording = read_recording(bag, choice, settings.imu, settings.compass.decoded_columns, progress)
             with progress_bar("fusing") as progress:
                 run = fuse_recording(recording, settings, progress)
             if not run.rows:
