@@ -104,6 +104,11 @@ class CompassConfig(ParameterSet):
         high=270,
     )
     mirrored: bool = parameter(False, "the image, once turned, is seen as in a mirror")
+    chroma_below: bool = parameter(
+        False,
+        "images of one channel are I420, NV12 or NV21 under another name (8UC1, mono8): only the upper two thirds of "
+        "their rows are the picture",
+    )
     field_of_view_deg: float = parameter(
         0.0,
         "angle across the image's width, or across a fisheye's circle; 0: 360 of an equirectangular image, 190 of a "

@@ -81,7 +81,7 @@ def load_mask(config: CompassConfig) -> RobotMask | None:
     except ImageError as error:
         raise ConfigError(f"mask: {config.mask}: not a picture that can be read: {error}; {remedy}") from None
     white = (picture >> 8 if picture.dtype == np.uint16 else picture) > WHITE
-    return RobotMask(np.ascontiguousarray(Orientation.of(config).upright(white)))
+    return RobotMask(np.ascontiguousarray(Orientation.of(config).turned(white)))
 
 
 def _without(robot: Weights) -> Weights:

@@ -174,7 +174,7 @@ def _grey(region: Image, encoding: str, oriented: Orientation) -> Image:
     """Grey and contiguous, of a view of the upright image; turned once it is grey, which is less to move."""
     if oriented.is_upright:
         return to_grey(region, encoding)
-    return np.ascontiguousarray(oriented.upright(to_grey(oriented.as_taken(region), encoding)))
+    return np.ascontiguousarray(oriented.turned(to_grey(oriented.as_taken(region), encoding)))
 
 
 def _without_row_means(pixels: Pixels, seen: Seen | None) -> tuple[Pixels, Pixels]:
