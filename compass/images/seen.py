@@ -43,6 +43,13 @@ class Seen:
         return counts
 
     @cached_property
+    def widest_hidden(self) -> float:
+        """Share of the circle between two neighbouring columns that show anything of the world, at most."""
+        columns = self.pixels.shape[1]
+        shown = np.flatnonzero(self.pixels.any(axis=0))
+        return float(np.diff(shown, append=shown[:1] + columns).max()) / columns if shown.size else 1.0
+
+    @cached_property
     def share(self) -> float:
         """Of the strip that shows the world."""
         return float(self.pixels.mean())
