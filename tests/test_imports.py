@@ -24,8 +24,8 @@ ROOMS = {
     "fusion/simulation": NUMERICS | {"compass", "fusion", "platformdirs"},
     "fusion/offline": NUMERICS | {"compass", "fusion", "rosbags", "matplotlib", "click", "rich", "yaml"},
 }
-# parameter files are read by the one and written by the other
-ALSO = {"fusion/bounded_yaml.py": {"yaml"}, "fusion/settings.py": {"yaml"}}
+# parameter files are read by the one and written by the other; videos are an extra
+ALSO = {"fusion/bounded_yaml.py": {"yaml"}, "fusion/settings.py": {"yaml"}, "compass/images/video.py": {"av"}}
 NEVER = {
     "compass": ("fusion",),
     "compass/images": ("fusion", "compass.methods", "compass.features"),

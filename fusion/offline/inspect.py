@@ -13,17 +13,18 @@ import numpy as np
 
 from compass import CompassConfig, ImageError
 from compass.images.decode import Image, to_grey
-from fusion.messages import image_of
+from fusion.messages import MessageError
 from fusion.offline.atomic_output import staged_file
-from fusion.offline.bag import COMPRESSED_IMAGE, IMAGE, IMU, ODOMETRY, Bag, BagError, Topic
+from fusion.offline.bag import IMAGES, IMU, ODOMETRY, Bag, BagError, Topic
 from fusion.offline.clock_steps import YEAR_2200_NS
 from fusion.offline.console import progress_bar, table
 from fusion.offline.first_look import first_look
 from fusion.offline.streams import Floats, Times
 from fusion.offline.topics import TopicRequest, choose_topics, is_depth
+from fusion.pictures import PictureStream
 from fusion.settings import Settings
 
-_FUSED = (IMU, ODOMETRY, IMAGE, COMPRESSED_IMAGE)
+_FUSED = (IMU, ODOMETRY, *IMAGES)
 MOST = (0.02, 0.98, 0.5)  # from where to where nearly all stamps lie, and their median, as parts of all
 DAY_NS = 86_400_000_000_000  # longer than a drive
 YEAR_2000_NS = 946_684_800_000_000_000  # before it no bag was recorded
@@ -199,7 +200,7 @@ def _images(bag: Bag) -> list[str]:
     """Size of the first image of each topic of images, with what a panorama should be."""
     lines = []
     for topic in bag.topics:
-        if topic.msgtype in (IMAGE, COMPRESSED_IMAGE) and topic.count:
+        if topic.msgtype in IMAGES and topic.count:
             try:
                 image, encoding = _first_image(bag, topic)
             except BagError as error:
@@ -213,11 +214,12 @@ def _images(bag: Bag) -> list[str]:
 
 def _first_image(bag: Bag, topic: Topic) -> tuple[Image, str]:
     """Pixels and encoding of the first image that can be used."""
-    fault = ""
+    fault, stream = "", PictureStream(0)
     for message in bag.messages(topic.name):
         try:
-            return image_of(bag.deserialize(message), 0)
-        except ImageError as error:
+            for picture in stream.add(bag.deserialize(message)):
+                return picture.image, picture.encoding
+        except (ImageError, MessageError) as error:
             fault = fault or str(error)
     raise BagError(f"{bag.path}: {topic.name}: no usable image: {fault}")
 
