@@ -7,6 +7,7 @@ looked up in the panorama, whose columns run clockwise seen from above, its midd
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 
 import cv2
 import numpy as np
@@ -42,6 +43,7 @@ def optical_to_robot(looks, right, down, along):
     return -along, right, -down
 
 
+@lru_cache(maxsize=8)
 def fisheye_rays(height, width, centre, focal, k, field_of_view, roll=0.0):
     """Rays of the pixels of OpenCV's fisheye camera; NaN outside of its field of view (rad)."""
     column, row = pixels(height, width)

@@ -31,11 +31,12 @@ LOWEST = 4 * HALF  # rows
 # Of the circle without any corner. What is seen on one side only turns by as much as it is passed: of nine tuned drives
 # whose corners were left out over 0.63 of it error^2/variance is 640, over a half 5.4, over 0.38 1.7, over 0.22 1.05.
 GAP = 0.4
-# A camera that sees less than 1 - GAP of the circle cannot tell a turn from travel sideways past things that are all
-# equally far: the yaw may be off by the parallax they have in common, of which that between them is the measure. So
-# many times that, as the error lasts as long as the travel: error/sigma at the end of three tuned drives, seen over
-# 200, 120 and 90 deg, is at most 72 without it, 7.0 with 1, 2.0 with 4.
+# A camera that does not see all round cannot tell a turn from travel sideways past things that are all equally far: the
+# yaw may be off by the parallax they have in common, of which that between them is the measure. So many times that, as
+# the error lasts as long as the travel: error/sigma at the end of three tuned drives, seen over 200, 120 and 90 deg, is
+# at most 72 without it, 7.0 with 1, 2.0 with 4.
 ONE_SIDED = 4.0
+PART = 0.1  # of the circle, hidden in one piece, makes such a camera; a mast or a cable hides less
 UNRELATED_PX = 0.18  # a deviation beyond it: no motion explains the corners, they show another place
 MOST = 0.5  # of a keyframe's corners: where more are inliers of one motion, no other motion has as many
 # Pixels from image to image; corners that move by less are expected to go on so, and need no pyramid, which saves a
@@ -128,8 +129,8 @@ def _widest_gap(column: Floats, columns: int) -> float:
 
 
 def _sees_part(strip: Strip) -> bool:
-    """Whether the camera itself sees so little of the circle that travel sideways looks like a turn."""
-    return strip.seen is not None and strip.seen.widest_hidden > GAP
+    """Whether the camera itself does not see all round, so that travel sideways may look like a turn."""
+    return strip.seen is not None and strip.seen.widest_hidden > PART
 
 
 def _leverage(key: Keyframe, fit: Fit, problem: Problem) -> float:

@@ -13,6 +13,9 @@ import numpy as np
 
 from compass import CompassConfig, ImageError
 from compass.images.decode import Image, to_grey
+from compass.images.orientation import Orientation
+from compass.images.projection import projection_of
+from compass.images.unwrap import unwrapping
 from fusion.messages import MessageError
 from fusion.offline.atomic_output import staged_file
 from fusion.offline.bag import IMAGES, IMU, ODOMETRY, Bag, BagError, Topic
@@ -99,14 +102,14 @@ def inspect_bag(
     with Bag(path, tell=False) as bag:
         timings = _timings(bag)
         lines = [table(_HEADER, [_line(topic, timings.get(topic.name)) for topic in bag.topics], 2)]
-        lines += ["", *_images(bag), *_roles(bag, settings, request)]
+        lines += ["", *_images(bag, settings.compass), *_roles(bag, settings, request)]
         found = [*problems(bag.topics, timings), *first_look(bag, settings, request)]
         lines += [f"problem: {' '.join(problem.split())}" for problem in (*bag.faults, *found)]
         if roi_preview is not None:
             topic = choose_topics(bag, settings.topics, request).image
             if topic is None:
                 raise BagError(f"{path}: no panoramas in it; --roi-preview needs a topic of images")
-            picture = draw_region(_first_image(bag, topic)[0], settings.compass)
+            picture = draw_region(as_panorama(*_first_image(bag, topic), settings.compass), settings.compass)
             with staged_file(roi_preview) as staged:
                 staged.write_bytes(cv2.imencode(".png", picture)[1].tobytes())
             lines.append(f"region of interest drawn in {roi_preview}")
@@ -196,7 +199,7 @@ def _span(timings: Sequence[Timing]) -> str:
     return f"from {begin:%Y-%m-%d %H:%M:%S} to {end:%Y-%m-%d %H:%M:%S}"
 
 
-def _images(bag: Bag) -> list[str]:
+def _images(bag: Bag, config: CompassConfig) -> list[str]:
     """Size of the first image of each topic of images, with what a panorama should be."""
     lines = []
     for topic in bag.topics:
@@ -207,7 +210,8 @@ def _images(bag: Bag) -> list[str]:
                 lines.append(str(error))
                 continue
             height, width = image.shape[:2]
-            remark = "" if width >= 2 * height - 2 else "; not as wide as a full circle usually is, 2:1 or more"
+            usual = not Orientation.of(config).is_upright or not config.is_full_panorama or width >= 2 * height - 2
+            remark = "" if usual else "; not as wide as a full circle usually is, 2:1 or more"
             lines.append(f"{topic.name}: {width} x {height} {encoding or 'compressed'}{remark}")
     return lines
 
@@ -232,6 +236,21 @@ def _roles(bag: Bag, settings: Settings, request: TopicRequest | None) -> list[s
         return [f"fuse would stop: {error}"]
     roles = (("panoramas", choice.image), ("gyro", choice.gyro), ("tracks", choice.odometry), ("truth", choice.truth))
     return ["fuse would take " + ", ".join(f"{role}: {topic.name if topic else 'none'}" for role, topic in roles)]
+
+
+def as_panorama(image: Image, encoding: str, config: CompassConfig) -> Image:
+    """Upright and grey, and of other projections a panorama of the whole sphere, (H, W) uint8 or uint16."""
+    grey = np.ascontiguousarray(Orientation.of(config).upright(to_grey(image, encoding)))
+    if config.projection in ("equirectangular", "cylinder"):
+        return grey
+    columns, size = 1024, (grey.shape[0], grey.shape[1])
+    how = unwrapping(projection_of(config, *size), size, (0.0, 1.0), columns, columns // 2)
+    pixels = how.strip(grey[how.cut]) * (1.0 if how.shown is None else how.shown)
+    panorama = np.zeros((how.columns // 2, how.columns), grey.dtype)
+    top = round((0.5 - how.top / np.pi) * len(panorama))
+    rows = min(how.rows, len(panorama) - top)
+    panorama[top : top + rows] = pixels[:rows].astype(grey.dtype)
+    return panorama
 
 
 def draw_region(image: Image, config: CompassConfig) -> Image:
