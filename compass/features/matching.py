@@ -22,7 +22,7 @@ from compass.features.motion import DIRECTIONS, FIRST_PX, NEXT_PX, doubt, yaw_va
 from compass.features.padded_strip import MARGIN, Picture
 from compass.features.patch_alignment import align
 from compass.features.points import sectors_of
-from compass.features.prior import DISAGREE, FEWEST, LOCK_PX, precision_of, tilt_error, told_tilt
+from compass.features.prior import DISAGREE, FEWEST, GAP, LOCK_PX, precision_of, tilt_error, told_tilt
 from compass.features.relative_pose import NEAR, Motion, evidence, find_motion, misses
 from compass.features.solver import DIRECTION, ROTATION, YAW, Fit, Problem, Start, ascend, even_shares
 from compass.features.tracking import ALIKE
@@ -163,6 +163,8 @@ def follow_landmarks(reference: Strip, current: Strip, search: Search) -> Match:
     The variance is that of the turn about the camera's own axis; the confidence is the share of matching corners that
     are inliers.
     """
+    if _sees_one_side(reference):
+        return NOTHING
     views = Views.of(reference, current, search)
     pairs = _matched(views.before, views.after)[0]
     if len(pairs) < FEWEST:
@@ -177,6 +179,8 @@ def match_landmarks(reference: Strip, current: Strip, search: Search) -> Match:
 
     As `follow_landmarks`, but whatever the turn.
     """
+    if _sees_one_side(reference):
+        return NOTHING
     views = Views.of(reference, current, search)
     pairs, alike = _matched(views.before, views.after)
     if len(pairs) < FEWEST:
@@ -197,6 +201,11 @@ def match_landmarks(reference: Strip, current: Strip, search: Search) -> Match:
     if off**2 > DISAGREE**2 * (motion.variance + variance * per_px**2):  # another motion explains them as well
         return NOTHING
     return replace(match, variance_px2=variance)
+
+
+def _sees_one_side(strip: Strip) -> bool:
+    """Whether the camera itself shows so little of the circle that travel over metres may look like any turn."""
+    return strip.seen is not None and strip.seen.widest_hidden > GAP
 
 
 def _sharpened(views: Views, pairs: Indices, rough: Fit, mean: Floats, yaw_sigma: float = math.inf) -> Match | None:

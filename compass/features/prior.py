@@ -17,6 +17,9 @@ LOCK_PX = 0.012  # by which corners that all move by the same part of a column e
 DISAGREE = 3.0  # deviations by which two answers to one question may differ
 FEWEST = 24  # corners that have to be found again, and to be inliers: five for each of a motion's unknowns
 LEVEL = (0.0, 0.0)  # no tilt
+# Of the circle without any corner. What is seen on one side only turns by as much as it is passed: of nine tuned drives
+# whose corners were left out over 0.63 of it error^2/variance is 640, over a half 5.4, over 0.38 1.7, over 0.22 1.05.
+GAP = 0.4
 
 
 def precision_of(yaw_sigma: float = math.inf) -> Floats:
