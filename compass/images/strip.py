@@ -133,8 +133,7 @@ def prepare_strip(
     small: Pixels = grey[: rows * merged].astype(np.float32)
     if (rows, columns) != (height, width):
         small = np.asarray(cv2.resize(small, (columns, rows), interpolation=cv2.INTER_AREA), np.float32)
-    if grey.dtype == np.uint16:
-        small *= np.float32(1.0 / 257.0)
+    _scale(small, grey)
     seen = None
     if mask is not None:
         first = _top(image.shape[0], config)
@@ -162,12 +161,17 @@ def _unwrapped(
     region = config.roi_top, config.roi_bottom
     how = unwrapping(projection, (height, width), region, config.columns, config.rows)
     small = how.strip(_grey(image[how.cut], encoding, oriented))
-    if image.dtype == np.uint16:
-        small *= np.float32(1.0 / 257.0)
+    _scale(small, image)
     merged = _group(how.rows, SMOOTHED_ROWS)
     seen = how.seen(merged) if mask is None else mask.seen_through(how, (height, width), merged)
     small, means = _without_row_means(small, seen)
     return Strip(t_ns, small, _contrast(small), image.shape, how.top, how.row_height, seen, means, up)
+
+
+def _scale(pixels: Pixels, image: Image) -> None:
+    """Bring the grey values of an image of 16 bits to 255, in place."""
+    if image.dtype.itemsize == 2:
+        pixels *= np.float32(1.0 / 257.0)
 
 
 def _grey(region: Image, encoding: str, oriented: Orientation) -> Image:
