@@ -79,5 +79,5 @@ def yaw_covariance(variance: float) -> npt.NDArray[np.float64]:
 def fused_odometry(estimate: YawEstimate, frames: tuple[str, str]) -> Odometry:
     """The fused estimate as Odometry."""
     return yaw_odometry(
-        estimate.t_ns, estimate.yaw, estimate.yaw_variance, estimate.yaw_rate, estimate.yaw_rate_variance, frames
+        estimate.t_ns, estimate.yaw, estimate.heading_variance, estimate.yaw_rate, estimate.yaw_rate_variance, frames
     )
