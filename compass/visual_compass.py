@@ -18,6 +18,7 @@ from compass.history import ImageHistory
 from compass.images.decode import Image
 from compass.images.full_circle import CircleCheck
 from compass.images.mask import load_mask
+from compass.images.orientation import Orientation
 from compass.images.strip import Strip, prepare_strip
 from compass.increment import CompassStatus, YawIncrement
 from compass.methods.match import Match, Search
@@ -148,8 +149,8 @@ class VisualCompass:
             return None
         strip = prepare_strip(t_ns, image, self.config, encoding, self._mask, self._up_at(t_ns))
         self.status = self._judge_strip(strip)
-        if strip.texture >= MIN_TEXTURE:
-            self.circle.look(strip, image, encoding)
+        if strip.texture >= MIN_TEXTURE and self.config.is_full_panorama:
+            self.circle.look(strip, Orientation.of(self.config).upright(image), encoding)
         if self.status is not CompassStatus.OK or self._last is None or self._keyframe is None:
             return None
         if self._still_since_ns != strip.t_ns:

@@ -31,7 +31,10 @@ class TopicSettings(ParameterSet):
 
     compass_image: str = parameter("/viz/pano/image", "topic of the panoramas")
     image_transport: str = parameter(
-        "raw", "raw for sensor_msgs/Image, compressed for sensor_msgs/CompressedImage", choices=("raw", "compressed")
+        "raw",
+        "raw for sensor_msgs/Image, compressed for sensor_msgs/CompressedImage (JPEG, PNG, or H.264 and H.265), ffmpeg "
+        "and foxglove for the packets of ffmpeg_image_transport and of foxglove_msgs/CompressedVideo",
+        choices=("raw", "compressed", "ffmpeg", "foxglove"),
     )
     gyro_topic: str = parameter("/imu/data", "topic of the gyro, sensor_msgs/Imu")
     odometry_topic: str = parameter("/odom", "topic of the track odometry, nav_msgs/Odometry")

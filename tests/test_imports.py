@@ -31,6 +31,7 @@ ROOMS = {
 ALSO = {
     "fusion/bounded_yaml.py": {"yaml"},
     "fusion/settings.py": {"yaml"},
+    "compass/images/video.py": {"av"},
     "fusion/offline/video_file.py": {"av", "telemetry_parser"},
     "fusion/offline/library.py": {"pandas"},
     "fusion/offline/allan.py": {"allantools"},

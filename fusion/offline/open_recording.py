@@ -44,7 +44,7 @@ def open_recording(
     VisualCompassError
         It cannot be opened, or was given what does not fit it.
     """
-    sensors, columns = sensors or SensorFiles(), settings.compass.columns
+    sensors, columns = sensors or SensorFiles(), settings.compass.decoded_columns
     if VideoFile.is_one(path) or ImageFolder.is_one(path):
         if request is not None and request != TopicRequest():
             raise ImageFileError(f"{path}: no bag and so without topics; give --gyro and --odometry CSV files")

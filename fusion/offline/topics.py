@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
-from fusion.offline.bag import COMPRESSED_IMAGE, IMAGE, IMU, ODOMETRY, Bag, BagError, Topic
+from fusion.offline.bag import COMPRESSED_IMAGE, IMAGE, IMU, ODOMETRY, VIDEOS, Bag, BagError, Topic
 from fusion.settings import TopicSettings
 
 NONE = "none"
 DEPTH = "/compressedDepth"  # the suffix that image_transport's depth plugin adds
+PREFERRED = {"compressed": "CompressedImage", "ffmpeg": "FFMPEGPacket", "foxglove": "CompressedVideo"}
 TRUTH_TOPIC = "/ground_truth/odom"  # where simulated bags keep it
 
 
@@ -57,7 +58,9 @@ def choose_topics(bag: Bag, settings: TopicSettings, request: TopicRequest | Non
     taken = (*ours, truth.name) if truth else ours
     odometry = _choose(bag, [ODOMETRY], request.odometry, settings.odometry_topic, "--odometry-topic", taken=taken)
     gyro = _choose(bag, [IMU], request.gyro, settings.gyro_topic, "--gyro-topic")
-    kinds = [IMAGE, COMPRESSED_IMAGE] if settings.image_transport == "raw" else [COMPRESSED_IMAGE, IMAGE]
+    kinds = [IMAGE, COMPRESSED_IMAGE, *VIDEOS]
+    if settings.image_transport != "raw":
+        kinds.sort(key=lambda kind: (kind == IMAGE, PREFERRED[settings.image_transport] not in kind))
     image = _choose(bag, kinds, request.image, settings.compass_image, "--image-topic")
     if not (image or gyro or odometry):
         wanted = ", ".join(kind.replace("/msg/", "/") for kind in (IMAGE, COMPRESSED_IMAGE, IMU, ODOMETRY))
@@ -138,11 +141,11 @@ def is_depth(topic: Topic) -> bool:
 
 def _base(topic: Topic) -> str:
     """The name without the suffix that image_transport adds."""
-    return _strip_transport(topic.name) if topic.msgtype == COMPRESSED_IMAGE else topic.name
+    return _strip_transport(topic.name) if topic.msgtype in (COMPRESSED_IMAGE, *VIDEOS) else topic.name
 
 
 def _strip_transport(name: str) -> str:
-    return name.removesuffix("/compressed")
+    return name.removesuffix("/compressed").removesuffix("/ffmpeg").removesuffix("/foxglove")
 
 
 def _types(kinds: Sequence[str]) -> str:
