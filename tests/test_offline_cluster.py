@@ -1,5 +1,6 @@
 """Recordings fused by a real scheduler of Dask and two workers in processes of their own, of which one is killed."""
 
+import contextlib
 import csv
 import json
 import os
@@ -29,25 +30,34 @@ def bags(tmp_path_factory):
     return folder
 
 
+def written_address(file: Path) -> str:
+    """As the scheduler writes it, once it has done so to the end."""
+    deadline = time.monotonic() + 120.0
+    while time.monotonic() < deadline:
+        with contextlib.suppress(OSError, ValueError):
+            return str(json.loads(file.read_text())["address"])
+        time.sleep(0.05)
+    raise TimeoutError("the scheduler has not started")
+
+
 @pytest.fixture
 def cluster(tmp_path):
     """Address of a scheduler on loopback, and its two workers, one thread each."""
     environment = dict(os.environ, PYTHONPATH=os.pathsep.join([str(ROOT), str(ROOT / "tests")]), MPLBACKEND="Agg")
     scheduler_file = tmp_path / "scheduler.json"
-    host = ["--host", "127.0.0.1", "--no-dashboard"]
 
     def started(kind, *more):
         module = f"distributed.cli.dask_{kind}"
-        command = [sys.executable, "-m", module, *host, "--scheduler-file", str(scheduler_file), *more]
-        return subprocess.Popen(command, env=environment, cwd=tmp_path, stderr=subprocess.DEVNULL)
+        command = [sys.executable, "-m", module, "--host", "127.0.0.1", "--no-dashboard", *more]
+        processes.append(subprocess.Popen(command, env=environment, cwd=tmp_path, stderr=subprocess.DEVNULL))
 
-    processes = [started("scheduler", "--port", "0")]
-    processes += [started("worker", "--nthreads", "1", "--no-nanny", "--name", f"w{k}") for k in range(2)]
+    processes = []
     try:
-        deadline = time.monotonic() + 120.0
-        while not scheduler_file.exists() and time.monotonic() < deadline:
-            time.sleep(0.05)
-        yield scheduler_file, processes[1:]
+        started("scheduler", "--port", "0", "--scheduler-file", str(scheduler_file))
+        address = written_address(scheduler_file)
+        for name in "ab":
+            started("worker", address, "--nthreads", "1", "--no-nanny", "--name", name)
+        yield address, processes[1:]
     finally:
         for process in reversed(processes):
             process.kill()
@@ -56,8 +66,7 @@ def cluster(tmp_path):
 
 
 def test_cluster_of_which_a_worker_is_killed_ends_every_bag_once(bags, cluster, tmp_path, capsys):
-    scheduler_file, (victim, _) = cluster
-    address = json.loads(scheduler_file.read_text())["address"]
+    address, (victim, _) = cluster
     out = tmp_path / "results"
     killed_at = []
 
