@@ -14,26 +14,30 @@ from tiny_bags import TinyDrive
 
 from fusion.offline.cli import main
 from fusion.offline.sensor_csv import nanoseconds
+from fusion.settings import load_settings
 
 DRIVE = TinyDrive()
 RATE = 10  # images a second
 TURNED = math.degrees(float(DRIVE.yaw(DRIVE.seconds)))
 
 
-@pytest.fixture(scope="module")
-def video(tmp_path_factory):
+def encoded(path: Path, drive: TinyDrive) -> Path:
     """The tiny drive, encoded without loss of the turn."""
     av = pytest.importorskip("av", reason="videos need PyAV")
-    path = tmp_path_factory.mktemp("video") / "ride.mp4"
     with av.open(str(path), "w") as container:
         stream = container.add_stream("mpeg4", rate=RATE)
         stream.width, stream.height, stream.pix_fmt, stream.bit_rate = 256, 128, "yuv420p", 8_000_000
-        for t in DRIVE.times(RATE):
-            grey = DRIVE.panorama(t)
+        for t in drive.times(RATE):
+            grey = drive.panorama(t)
             frame = av.VideoFrame.from_ndarray(np.repeat(grey[:, :, None], 3, axis=2), format="rgb24")
             container.mux(stream.encode(frame))
         container.mux(stream.encode())
     return path
+
+
+@pytest.fixture(scope="module")
+def video(tmp_path_factory):
+    return encoded(tmp_path_factory.mktemp("video") / "ride.mp4", DRIVE)
 
 
 @pytest.fixture(scope="module")
@@ -191,6 +195,14 @@ def test_part_of_a_video_is_fused(video, tmp_path):
     summary = fuse(video, tmp_path / "out", "--gyro", imu, "--start", "1.5", "--end", "2.5")
     assert (summary["start_ns"], summary["duration_s"]) == (1_500_000_000, pytest.approx(1.0))
     assert summary["images"]["ok"] + summary["images"]["first_frame"] == 11
+
+
+def test_video_is_calibrated_from(tmp_path):
+    drive = TinyDrive(seconds=8.0, body=True)
+    ride, out = encoded(tmp_path / "ride.mp4", drive), tmp_path / "robot.yaml"
+    (tmp_path / "imu.csv").write_text("t,yaw_rate\n" + "".join(f"{t},{drive.turn_rate(t)}\n" for t in drive.times(100)))
+    assert main(["calibrate", str(ride), "--gyro", str(tmp_path / "imu.csv"), "--out", str(out)]) == 0
+    assert load_settings(out).compass.roi_bottom < 0.7  # where the robot's body begins
 
 
 def test_bag_with_files_of_sensors_is_refused(tiny_bag, tmp_path, capsys):

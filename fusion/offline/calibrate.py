@@ -21,17 +21,18 @@ from compass.images.orientation import Orientation
 from compass.images.strip import prepare_strip
 from compass.methods.sector_median import SectorShifts, local_shifts
 from fusion.offline.atomic_output import refuse_existing, staged_file
-from fusion.offline.bag import Bag, BagError
+from fusion.offline.bag import BagError
 from fusion.offline.circles import looked_at, with_circles
 from fusion.offline.console import progress_bar
 from fusion.offline.contradiction_check import contradiction
+from fusion.offline.image_files import SensorFiles
 from fusion.offline.mounting import MASK_COLUMNS, Mask, Panorama, body_top, forward_column, static_pixels
-from fusion.offline.recording import BagRecording, read_recording
+from fusion.offline.open_recording import FileRecording, open_recording
 from fusion.offline.run import FusedRun, fuse_recording
 from fusion.offline.scores import FUSED, YawTrack, yaw_at, yaw_tracks
 from fusion.offline.streams import Frame, Times
 from fusion.offline.summary import KNOWN_DELAY
-from fusion.offline.topics import TopicRequest, choose_topics
+from fusion.offline.topics import TopicRequest
 from fusion.settings import Settings
 
 GIVEN_SCALE = 1e-3  # of the gyro; with 8e-3 images of the robot's body drew it by 6 %
@@ -87,7 +88,14 @@ class Finding:
 
 
 def calibrate_bag(
-    path: Path, settings: Settings, request: TopicRequest, out: Path, picture: Path | None, *, force: bool = False
+    path: Path,
+    settings: Settings,
+    request: TopicRequest,
+    out: Path,
+    picture: Path | None,
+    *,
+    force: bool = False,
+    sensors: SensorFiles | None = None,
 ) -> str:
     """Propose settings from a recording that turns, drives straight and stands; write them as YAML for ``--config``.
 
@@ -101,12 +109,11 @@ def calibrate_bag(
     refuse_existing(out, force=force, begins=_HEADER.encode())
     refuse_existing(out.with_name(_mask_name(out)), force=force or out.exists())
     refuse_existing(picture, force=force)
-    with Bag(path) as bag:
-        choice = choose_topics(bag, settings.topics, request)
-        if choice.image is None:
-            raise BagError(f"{path}: no panoramas in it; name their topic with --image-topic")
+    with open_recording(path, settings, request, sensors) as read:
         with progress_bar("reading samples") as progress:
-            recording = read_recording(bag, choice, settings.imu, settings.compass.decoded_columns, progress)
+            recording = read(progress)
+        if recording.topics["image"] is None:
+            raise BagError(f"{path}: no panoramas in it; name their topic with --image-topic")
         camera, lenses = with_circles(looked_at(recording.frames(), settings.compass), settings.compass)
         settings = replace(settings, compass=camera)
         with progress_bar("fusing") as progress:
@@ -138,7 +145,7 @@ def calibrate_bag(
     return "\n".join([*map(str, findings), f"settings in {out}"])
 
 
-def gather(recording: BagRecording, shown: YawTrack) -> Evidence:
+def gather(recording: FileRecording, shown: YawTrack) -> Evidence:
     """Look through all frames once and keep those that tell something; `shown` is the yaw by their stamps."""
     evidence, last, kept_yaw = Evidence(), None, math.inf
     for frame in recording.frames():
@@ -169,7 +176,7 @@ class _Motion:
     still: bool
 
 
-def _motion(recording: BagRecording, fused: YawTrack, start_ns: int, end_ns: int) -> _Motion | None:
+def _motion(recording: FileRecording, fused: YawTrack, start_ns: int, end_ns: int) -> _Motion | None:
     """By the tracks and the fused yaw; None where the tracks say nothing."""
     odometry = recording.odometry
     inside = slice(*np.searchsorted(odometry.t_ns, (start_ns, end_ns)))
@@ -293,7 +300,7 @@ def _image_noise(evidence: Evidence) -> float | None:
     return 1.4826 * float(np.median(spreads)) / math.sqrt(2.0)
 
 
-def _gyro_noise(recording: BagRecording) -> Finding:
+def _gyro_noise(recording: FileRecording) -> Finding:
     """Deviation of the gyro's rate while the tracks stand, its slow bias taken out."""
     name = "fusion.gyro_sigma"
     still = _still_times(recording)
@@ -307,7 +314,7 @@ def _gyro_noise(recording: BagRecording) -> Finding:
     return Finding(name, float(f"{sigma:.3g}"), f"from {steps.size} samples at standstill")
 
 
-def _still_times(recording: BagRecording) -> list[tuple[int, int]]:
+def _still_times(recording: FileRecording) -> list[tuple[int, int]]:
     """Spans between neighbouring track samples that both stand."""
     odometry = recording.odometry
     standing = (np.abs(odometry.speed) < STILL) & (np.abs(odometry.yaw_rate) < STILL)
@@ -322,7 +329,7 @@ def _still_times(recording: BagRecording) -> list[tuple[int, int]]:
     return spans
 
 
-def _track_scale(recording: BagRecording, fused: YawTrack) -> Finding:
+def _track_scale(recording: FileRecording, fused: YawTrack) -> Finding:
     """Turn the tracks claim over the fused turn, by seconds in which the robot turns."""
     name = "fusion.initial_scale"
     odometry = recording.odometry

@@ -235,6 +235,7 @@ def evaluate(
 @click.option("--mask-preview", type=_PATH, metavar="PNG", help="Draw what belongs to the robot over a frame.")
 @click.option("--config", type=_PATH, metavar="YAML", help="Parameters in ROS form to start from.")
 @_FORCE
+@sensor_file_options
 @_topic_options
 def calibrate(
     bag: Path,
@@ -246,6 +247,7 @@ def calibrate(
     gyro: str | None,
     odometry: str | None,
     truth: str | None,
+    sensors: SensorFiles,
 ) -> None:
     """Propose region, mask, forward column and noises from BAG, in which the robot turns, drives and stands."""
     from fusion.offline.calibrate import calibrate_bag
@@ -253,7 +255,7 @@ def calibrate(
     from fusion.settings import load_settings
 
     request = TopicRequest(image, gyro, odometry, truth)
-    say(calibrate_bag(bag, load_settings(config), request, out, mask_preview, force=force))
+    say(calibrate_bag(bag, load_settings(config), request, out, mask_preview, force=force, sensors=sensors))
 
 
 @cli.command(short_help="Simulate a short drive, fuse it, compare with the truth.")
