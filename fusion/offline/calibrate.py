@@ -20,6 +20,7 @@ from compass.images.mask import RobotMask, load_mask
 from compass.images.orientation import Orientation
 from compass.images.strip import prepare_strip
 from compass.methods.sector_median import SectorShifts, local_shifts
+from fusion.buffer.events import Sensor
 from fusion.offline.atomic_output import refuse_existing, staged_file
 from fusion.offline.bag import BagError
 from fusion.offline.circles import looked_at, with_circles
@@ -112,7 +113,8 @@ def calibrate_bag(
     with open_recording(path, settings, request, sensors) as read:
         with progress_bar("reading samples") as progress:
             recording = read(progress)
-        if recording.topics["image"] is None:
+        left_out = any(one.sensor == Sensor.COMPASS.value for one in recording.warnings)  # is told below
+        if recording.topics["image"] is None and not left_out:
             raise BagError(f"{path}: no panoramas in it; name their topic with --image-topic")
         camera, lenses = with_circles(looked_at(recording.frames(), settings.compass), settings.compass)
         settings = replace(settings, compass=camera)
