@@ -31,10 +31,14 @@ class TopicSettings(ParameterSet):
 
     compass_image: str = parameter("/viz/pano/image", "topic of the panoramas")
     image_transport: str = parameter(
-        "raw", "raw for sensor_msgs/Image, compressed for sensor_msgs/CompressedImage", choices=("raw", "compressed")
+        "raw",
+        "raw for sensor_msgs/Image, compressed for sensor_msgs/CompressedImage (JPEG, PNG, or H.264 and H.265), ffmpeg "
+        "and foxglove for the packets of ffmpeg_image_transport and of foxglove_msgs/CompressedVideo",
+        choices=("raw", "compressed", "ffmpeg", "foxglove"),
     )
     gyro_topic: str = parameter("/imu/data", "topic of the gyro, sensor_msgs/Imu")
     odometry_topic: str = parameter("/odom", "topic of the track odometry, nav_msgs/Odometry")
+    truth_topic: str = parameter("/ground_truth/odom", "ground truth in a bag, nav_msgs/Odometry; offline only")
     compass_output_topic: str = parameter("/compass_pose", "topic of the raw compass, nav_msgs/Odometry")
     fused_output_topic: str = parameter("/odometry/fused", "topic of the fused yaw, nav_msgs/Odometry")
     compass_textout: bool = parameter(False, "print the current angle", live=True)
@@ -54,6 +58,20 @@ class TopicSettings(ParameterSet):
 
 
 @dataclass(frozen=True)
+class OfflineSettings(ParameterSet):
+    """What `fuse` makes of a recording; nodes do not use it."""
+
+    smooth: bool = parameter(False, "add the fixed-interval (RTS) smoother")
+    start: float = parameter(0.0, "fuse from here on, from the first sample of the recording", unit="s", low=0.0)
+    end: float = parameter(0.0, "fuse up to here, from the first sample of the recording; 0: all", unit="s", low=0.0)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if 0.0 < self.end <= self.start:
+            raise ConfigError(f"end: {self.end:g} s is not after the start, {self.start:g} s")
+
+
+@dataclass(frozen=True)
 class Settings:
     """Everything that can be set, each group in its own dataclass."""
 
@@ -61,6 +79,7 @@ class Settings:
     fusion: FusionConfig = field(default_factory=FusionConfig)
     imu: ImuConfig = field(default_factory=ImuConfig)
     topics: TopicSettings = field(default_factory=TopicSettings)
+    offline: OfflineSettings = field(default_factory=OfflineSettings)
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Settings:
@@ -77,6 +96,7 @@ class Settings:
             FusionConfig.from_dict(groups["fusion"], "fusion."),
             ImuConfig.from_dict(groups["imu"], "imu."),
             TopicSettings.from_dict(groups[""]),
+            OfflineSettings.from_dict(groups["offline"], "offline."),
         )
 
     def to_dict(self) -> dict[str, Value | dict[str, Value]]:
@@ -86,6 +106,7 @@ class Settings:
             "compass": self.compass.to_dict(),
             "fusion": self.fusion.to_dict(),
             "imu": self.imu.to_dict(),
+            "offline": self.offline.to_dict(),
         }
 
 
@@ -121,6 +142,7 @@ def dump_settings(settings: Settings) -> str:
         ("compass", settings.compass),
         ("fusion", settings.fusion),
         ("imu", settings.imu),
+        ("offline", settings.offline),
     ):
         indent = "      " if title else "    "
         lines += ["", f"    {title}:"] if title else []
@@ -178,7 +200,7 @@ def _anchor_mask(values: dict[str, Any], folder: Path) -> None:
 
 def _split_groups(values: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
     """Sort nested parameters into the groups of `Settings`."""
-    groups: dict[str, dict[str, Any]] = {"": {}, "compass": {}, "fusion": {}, "imu": {}}
+    groups: dict[str, dict[str, Any]] = {"": {}, "compass": {}, "fusion": {}, "imu": {}, "offline": {}}
     for key, value in values.items():
         if key in _ROS_OWN:
             continue
@@ -188,7 +210,7 @@ def _split_groups(values: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
             groups[key] = dict(value)
         elif isinstance(value, Mapping):
             near = difflib.get_close_matches(key[:60], [name for name in groups if name], n=1)
-            hint = f"did you mean {near[0]!r}?" if near else "known: compass, fusion, imu"
+            hint = f"did you mean {near[0]!r}?" if near else "known: compass, fusion, imu, offline"
             raise ConfigError(f"unknown parameter group {shown(key)}; {hint}")
         else:
             _refuse_stray(key)
@@ -198,7 +220,12 @@ def _split_groups(values: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
 
 def _refuse_stray(key: str) -> None:
     """Name the group of a parameter that was given without it."""
-    kinds: dict[str, type[ParameterSet]] = {"compass": CompassConfig, "fusion": FusionConfig, "imu": ImuConfig}
+    kinds: dict[str, type[ParameterSet]] = {
+        "compass": CompassConfig,
+        "fusion": FusionConfig,
+        "imu": ImuConfig,
+        "offline": OfflineSettings,
+    }
     top = [spec.name for spec in TopicSettings.specs()]
     for group, kind in kinds.items():
         if key not in top and key in [spec.name for spec in kind.specs()]:

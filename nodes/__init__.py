@@ -2,6 +2,8 @@
 
 import os
 
+__distribution__ = "visual-compass"  # so that another package of this name is told apart
+
 # Both are read when the libraries are loaded, so they stand before every other import.
 # A corrupt image is a complaint of ours, said once; OpenCV would print a line for every one.
 os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import threading
 import time
@@ -16,21 +17,24 @@ from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from sensor_msgs.msg import CompressedImage, Image
 
-from compass import CompassStatus, VisualCompass, YawIncrement
+from compass import CompassStatus, ConfigError, VisualCompass, YawIncrement
 from compass.features.long_baseline import Comparison
 from fusion.compass_rate import CompassRate
 from fusion.messages import image_of, stamp_to_ns
+from fusion.pictures import Picture, PictureStream, packet_of
 from fusion.settings import Settings
 from nodes.conversions import yaw_odometry
 from nodes.diagnostics import Finding, compass_figures, stream_finding
 from nodes.health import SequenceGaps, StreamHealth
 from nodes.newest_worker import NewestWorker
 from nodes.throttled_log import ThrottledLog, surviving
-from nodes.transport import compressed_topic, raw_topic
+from nodes.transport import image_topic
 
 IMAGE_QOS = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+# a packet that is lost takes all pictures up to the next key frame along
+PACKET_QOS = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
 
-ImageMessage: TypeAlias = Image | CompressedImage
+ImageMessage: TypeAlias = Image | CompressedImage | Picture
 
 
 class CompassStream:
@@ -75,9 +79,9 @@ class CompassStream:
         self.settings = settings
         self.health = StreamHealth()
         self._gaps = SequenceGaps()
-        compressed = topics.image_transport == "compressed"
-        self._kind = CompressedImage if compressed else Image
-        self.topic = (compressed_topic if compressed else raw_topic)(topics.compass_image)
+        self.topic, self._kind = image_topic(topics.compass_image, topics.image_transport)
+        self._pictures = PictureStream(settings.compass.decoded_columns)
+        self._decode = surviving(node, self.topic, log, self._decode_packet)
         work = surviving(node, self.topic, log, self._work)
         self._worker: NewestWorker[ImageMessage] = NewestWorker(work, "images")
         compare = surviving(node, self.topic, log, self._compare)
@@ -90,7 +94,7 @@ class CompassStream:
             self._kind,
             self.topic,
             cast(Any, self._receive),  # takes the message's info, too, which rclpy's types leave out
-            IMAGE_QOS,
+            IMAGE_QOS if topics.image_transport == "raw" else PACKET_QOS,
             callback_group=MutuallyExclusiveCallbackGroup(),
             qos_overriding_options=QoSOverridingOptions.with_default_policies(),
         )
@@ -124,7 +128,15 @@ class CompassStream:
     def _receive(self, message: ImageMessage, info: dict[str, Any]) -> None:
         self._gaps.see(info.get("publication_sequence_number"))
         self.health.receive(time.monotonic())
-        self._worker.offer(message)
+        self._decode(message)
+
+    def _decode_packet(self, message: ImageMessage) -> None:
+        """A picture is decoded when its turn comes, if it comes; a video's packets all are, as they need each other."""
+        if packet_of(message) is None:
+            self._worker.offer(message)
+            return
+        for picture in self._pictures.add(message):
+            self._worker.offer(picture)
 
     def _work(self, message: ImageMessage) -> None:
         with self._busy:
@@ -132,8 +144,11 @@ class CompassStream:
 
     def _serve(self, message: ImageMessage) -> None:
         compass = self._compass
-        t_ns = stamp_to_ns(message.header.stamp)
-        image, encoding = image_of(message, compass.config.columns)
+        if isinstance(message, Picture):
+            t_ns, image, encoding = message.t_ns, message.image, message.encoding
+        else:
+            t_ns = stamp_to_ns(message.header.stamp)
+            image, encoding = image_of(message, compass.config.decoded_columns)
         increment = self._measure(t_ns, image, encoding)
         if increment is not None:
             self._confidence = increment.confidence
@@ -171,5 +186,6 @@ def warm_up(settings: Settings) -> None:
     """Let the libraries load and plan what they do on first use; else the first images would wait for that."""
     compass = VisualCompass(settings.compass)
     view = np.random.default_rng(0).integers(0, 256, (512, 1024), np.uint8)
-    for t_ns, shift in enumerate((0, 3), 1):
-        compass.update(t_ns * 30_000_000, np.roll(view, shift, axis=1))
+    with contextlib.suppress(ConfigError):  # the region of interest may lie outside of an image of another shape
+        for t_ns, shift in enumerate((0, 3), 1):
+            compass.update(t_ns * 30_000_000, np.roll(view, shift, axis=1))

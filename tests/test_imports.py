@@ -22,10 +22,21 @@ ROOMS = {
     "fusion/checks": {"numpy", "scipy", "compass", "fusion"},
     "fusion/imu": {"numpy", "compass", "fusion"},
     "fusion/simulation": NUMERICS | {"compass", "fusion", "platformdirs"},
-    "fusion/offline": NUMERICS | {"compass", "fusion", "rosbags", "matplotlib", "click", "rich", "yaml"},
+    "fusion/offline": NUMERICS
+    | {"compass", "fusion", "rosbags", "matplotlib", "click", "rich", "yaml"}
+    | {"fsspec", "pyarrow"},  # of the extra `cluster`, each where it is needed
+    "fusion/offline/report": NUMERICS | {"compass", "fusion", "bokeh"},
 }
 # parameter files are read by the one and written by the other
-ALSO = {"fusion/bounded_yaml.py": {"yaml"}, "fusion/settings.py": {"yaml"}}
+ALSO = {
+    "fusion/bounded_yaml.py": {"yaml"},
+    "fusion/settings.py": {"yaml"},
+    "compass/images/video.py": {"av"},
+    "fusion/offline/video_file.py": {"av", "telemetry_parser"},
+    "fusion/offline/library.py": {"pandas"},
+    "fusion/offline/allan.py": {"allantools"},
+    "fusion/offline/rerun_export.py": {"rerun"},
+}
 NEVER = {
     "compass": ("fusion",),
     "compass/images": ("fusion", "compass.methods", "compass.features"),

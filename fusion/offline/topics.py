@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-from fusion.offline.bag import COMPRESSED_IMAGE, IMAGE, IMU, ODOMETRY, Bag, BagError, Topic
+from fusion.offline.bag import COMPRESSED_IMAGE, IMAGE, IMU, ODOMETRY, VIDEOS, Bag, BagError, Topic
 from fusion.settings import TopicSettings
 
 NONE = "none"
 DEPTH = "/compressedDepth"  # the suffix that image_transport's depth plugin adds
+PREFERRED = {"compressed": "CompressedImage", "ffmpeg": "FFMPEGPacket", "foxglove": "CompressedVideo"}
 TRUTH_TOPIC = "/ground_truth/odom"  # where simulated bags keep it
 
 
@@ -39,24 +40,47 @@ class TopicChoice:
 def choose_topics(bag: Bag, settings: TopicSettings, request: TopicRequest | None = None) -> TopicChoice:
     """Pick each topic: the one asked for, else the one the settings name, else the only one of its type.
 
+    ``"none"``, asked for or in the settings, leaves the sensor out.
+
     Raises
     ------
     BagError
         A requested topic is absent or of another type, several come into question, or no sensor is there at all.
     """
     request = request or TopicRequest()
-    ours = (settings.compass_output_topic, settings.fused_output_topic)
-    truth = _choose(bag, [ODOMETRY], request.truth, TRUTH_TOPIC, "--truth-topic", by_type=False)
+    if request.truth == request.odometry not in (None, NONE):
+        raise BagError(
+            f"{bag.path}: {request.truth} is asked for as odometry and as truth; what is fused judges nothing"
+        )
+    outputs = (settings.compass_output_topic, settings.fused_output_topic)
+    ours = tuple(name for name in outputs if name != settings.odometry_topic)  # unless it is named on purpose
+    truth = _choose(bag, [ODOMETRY], request.truth, settings.truth_topic, "--truth-topic", by_type=False)
     taken = (*ours, truth.name) if truth else ours
     odometry = _choose(bag, [ODOMETRY], request.odometry, settings.odometry_topic, "--odometry-topic", taken=taken)
     gyro = _choose(bag, [IMU], request.gyro, settings.gyro_topic, "--gyro-topic")
-    kinds = [IMAGE, COMPRESSED_IMAGE] if settings.image_transport == "raw" else [COMPRESSED_IMAGE, IMAGE]
+    kinds = [IMAGE, COMPRESSED_IMAGE, *VIDEOS]
+    if settings.image_transport != "raw":
+        kinds.sort(key=lambda kind: (kind == IMAGE, PREFERRED[settings.image_transport] not in kind))
     image = _choose(bag, kinds, request.image, settings.compass_image, "--image-topic")
     if not (image or gyro or odometry):
         wanted = ", ".join(kind.replace("/msg/", "/") for kind in (IMAGE, COMPRESSED_IMAGE, IMU, ODOMETRY))
         found = ", ".join(f"{topic.name} ({topic.short_type})" for topic in bag.topics) or "nothing"
         raise BagError(f"{bag.path}: no usable topic; wanted {wanted}; found {found}")
     return TopicChoice(image, gyro, odometry, truth)
+
+
+def settings_as_asked(settings: TopicSettings, request: TopicRequest) -> TopicSettings:
+    """The settings by which `choose_topics` finds in the same bag what it finds by these and `request`."""
+    names = {
+        "compass_image": request.image,
+        "gyro_topic": request.gyro,
+        "odometry_topic": request.odometry,
+        "truth_topic": request.truth,
+    }
+    changes = {name: asked for name, asked in names.items() if asked is not None}
+    if request.image not in (None, NONE):
+        changes["image_transport"] = "raw" if _strip_transport(request.image) == request.image else "compressed"
+    return replace(settings, **changes)  # type: ignore[arg-type]
 
 
 def _choose(
@@ -70,7 +94,7 @@ def _choose(
     by_type: bool = True,
 ) -> Topic | None:
     """One topic of one of `kinds`; earlier kinds win where the same camera is there twice."""
-    if requested == NONE:
+    if requested == NONE or (requested is None and preferred == NONE):
         return None
     candidates = [
         topic
@@ -117,11 +141,11 @@ def is_depth(topic: Topic) -> bool:
 
 def _base(topic: Topic) -> str:
     """The name without the suffix that image_transport adds."""
-    return _strip_transport(topic.name) if topic.msgtype == COMPRESSED_IMAGE else topic.name
+    return _strip_transport(topic.name) if topic.msgtype in (COMPRESSED_IMAGE, *VIDEOS) else topic.name
 
 
 def _strip_transport(name: str) -> str:
-    return name.removesuffix("/compressed")
+    return name.removesuffix("/compressed").removesuffix("/ffmpeg").removesuffix("/foxglove")
 
 
 def _types(kinds: Sequence[str]) -> str:

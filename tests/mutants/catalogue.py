@@ -62,6 +62,27 @@ MUTANTS = (
         _tests("test_compass_image"),
     ),
     Mutant(
+        "lens-that-looks-up-mirrored",
+        "compass/images/projection.py",
+        "return left, -ahead, up",
+        "return -left, -ahead, up",
+        _tests("test_compass_projections"),
+    ),
+    Mutant(
+        "cylinder-with-rows-of-a-sphere",
+        "compass/images/projection.py",
+        "np.tan(elevation) if self.tangent else elevation",
+        "elevation",
+        _tests("test_compass_projections::test_strips_of_all_cameras_look_alike"),
+    ),
+    Mutant(
+        "lost-video-packet-not-noticed",
+        "compass/images/video.py",
+        "if number not in (last,",
+        "if number < 0 and number not in (last,",
+        _tests("test_video::test_after_a_lost_packet_pictures_begin_again_at_the_next_key_frame"),
+    ),
+    Mutant(
         "half-a-circle-not-told",
         "compass/images/full_circle.py",
         "OPEN = 0.5",
@@ -150,7 +171,7 @@ MUTANTS = (
     ),
     Mutant(
         "corners-on-one-side-suffice",
-        "compass/methods/corners.py",
+        "compass/features/prior.py",
         "GAP = 0.4",
         "GAP = 1.0",
         _tests("test_compass_corners::test_corners_on_one_side_only_are_not_believed"),
