@@ -9,10 +9,10 @@ from dataclasses import dataclass, replace
 import yaml
 
 from fusion.offline.bag import IMAGE, Bag, BagError, Topic
-from fusion.offline.topics import NONE, TopicRequest, choose_topics
-from fusion.settings import TopicSettings, load_settings
+from fusion.offline.topics import TopicRequest, choose_topics
+from fusion.settings import NONE, TopicSettings, load_settings
 from nodes.bag_player import PlayerConfig
-from nodes.transport import compressed_topic, raw_topic
+from nodes.names import compressed_topic, raw_topic
 
 # launch argument -> option of `visual-compass fuse` that means the same; errors speak of the latter
 SENSORS = {"compass_image": "--image-topic", "gyro_topic": "--gyro-topic", "odometry_topic": "--odometry-topic"}

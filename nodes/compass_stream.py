@@ -18,15 +18,17 @@ from sensor_msgs.msg import CompressedImage, Image
 
 from compass import CompassStatus, VisualCompass, YawIncrement
 from compass.features.long_baseline import Comparison
+from compass.parameters import shown
 from fusion.compass_rate import CompassRate
 from fusion.messages import image_of, stamp_to_ns
 from fusion.settings import Settings
 from nodes.conversions import yaw_odometry
-from nodes.diagnostics import Finding, compass_figures, stream_finding
-from nodes.health import SequenceGaps, StreamHealth
+from nodes.diagnostics import Finding, compass_figures, delivered, stream_finding
+from nodes.health import Level, StreamHealth
+from nodes.link import NO_DEFAULTS, Link
+from nodes.names import compressed_topic, raw_topic, resolved_name
 from nodes.newest_worker import NewestWorker
 from nodes.throttled_log import ThrottledLog, surviving
-from nodes.transport import compressed_topic, raw_topic
 
 IMAGE_QOS = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 
@@ -71,13 +73,13 @@ class CompassStream:
         self._busy = threading.Lock()  # held while an image is worked on
         self._rate = CompassRate()
         self._confidence = math.nan
+        self._dropped = 0  # at the last finding
         warm_up(settings)
         self.settings = settings
         self.health = StreamHealth()
-        self._gaps = SequenceGaps()
         compressed = topics.image_transport == "compressed"
-        self._kind = CompressedImage if compressed else Image
-        self.topic = (compressed_topic if compressed else raw_topic)(topics.compass_image)
+        given = (compressed_topic if compressed else raw_topic)(topics.compass_image)
+        self.topic = resolved_name(node, given, "compass_image")
         work = surviving(node, self.topic, log, self._work)
         self._worker: NewestWorker[ImageMessage] = NewestWorker(work, "images")
         compare = surviving(node, self.topic, log, self._compare)
@@ -86,14 +88,16 @@ class CompassStream:
             compare, "long baselines"
         )  # takes longer than an image may
         self._publisher = node.create_publisher(Odometry, topics.compass_output_topic, 10)
-        node.create_subscription(
-            self._kind,
-            self.topic,
+        subscription = node.create_subscription(
+            CompressedImage if compressed else Image,
+            given,
             cast(Any, self._receive),  # takes the message's info, too, which rclpy's types leave out
             IMAGE_QOS,
             callback_group=MutuallyExclusiveCallbackGroup(),
+            event_callbacks=NO_DEFAULTS,
             qos_overriding_options=QoSOverridingOptions.with_default_policies(),
         )
+        self.link = Link(node, subscription, given)
 
     def apply(self, settings: Settings) -> None:
         """Take over settings that may change while running."""
@@ -114,15 +118,25 @@ class CompassStream:
 
     def finding(self) -> Finding:
         """What the diagnostics say of images and compass."""
-        level, text, figures = stream_finding(
-            self._node, self.health, self.settings.topics.sensor_timeout, self.topic, self._kind
-        )
-        figures |= {"dropped": str(self._worker.dropped), "lost on the way": str(self._gaps.lost)}
+        timeout = self.settings.topics.sensor_timeout
+        level, text, figures = stream_finding(self._node, self.health, timeout, self.link)
+        dropped, self._dropped = self._worker.dropped - self._dropped, self._worker.dropped
+        if level is Level.WARN and dropped:
+            text += f"; {dropped} images overtaken while they waited for the compass"
+        figures["dropped"] = str(self._worker.dropped)
         figures |= compass_figures(self._compass, self._confidence)
-        return level, text, figures | self._log.figures(self.topic)
+        return delivered(self._node, (level, text, figures | self._log.figures(self.topic)), self._publisher)
+
+    @property
+    def output(self) -> str:
+        """Fully qualified name of the raw compass's topic."""
+        return str(self._publisher.topic_name)
 
     def _receive(self, message: ImageMessage, info: dict[str, Any]) -> None:
-        self._gaps.see(info.get("publication_sequence_number"))
+        self.link.see(info.get("publication_sequence_number"))
+        self.link.size = len(message.data)
+        if isinstance(message, Image):
+            self.link.shape = f"{message.width} x {message.height} {shown(message.encoding, 20)}"
         self.health.receive(time.monotonic())
         self._worker.offer(message)
 

@@ -16,6 +16,7 @@ from rclpy.subscription import Subscription
 
 from compass import YawIncrement
 from fusion import GyroSample, OdometrySample
+from nodes.link import NO_DEFAULTS, Link
 
 Sample = GyroSample | OdometrySample | YawIncrement
 
@@ -46,13 +47,13 @@ class SampleQueue:
         self._node = node
         self._use = use
         self._increments: deque[YawIncrement] = deque()
-        self._queues: list[tuple[Subscription, Callable[[Any], None]]] = []
+        self._queues: list[tuple[Subscription, Link, Callable[[Any], None]]] = []
         self._samples: list[Sample] = []
         self._by_hand = ByHand()
         # A steady clock: with use_sim_time and a paused bag, the queues are emptied all the same.
         node.create_timer(TURN_S, self._turn, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
-    def listen(self, kind: type, topic: str, convert: Callable[[Any], None]) -> None:
+    def listen(self, kind: type, topic: str, convert: Callable[[Any], None]) -> Link:
         """Subscribe; `convert` is to `append` the sample of a message, and must not raise."""
         subscription = self._node.create_subscription(
             kind,
@@ -60,9 +61,12 @@ class SampleQueue:
             convert,
             SENSOR_QOS,
             callback_group=self._by_hand,
+            event_callbacks=NO_DEFAULTS,
             qos_overriding_options=QoSOverridingOptions.with_default_policies(),
         )
-        self._queues.append((subscription, convert))
+        link = Link(self._node, subscription, topic)
+        self._queues.append((subscription, link, convert))
+        return link
 
     def append(self, sample: Sample) -> None:
         """Add a sample to this turn, from the executor's thread."""
@@ -90,8 +94,9 @@ class SampleQueue:
     def _pass(self) -> int:
         """Empty each queue once, of a flood only as much as it can hold; returns how many messages were in them."""
         count = 0
-        for subscription, convert in self._queues:
-            for message in islice(queued(subscription), SENSOR_QOS.depth):
+        for subscription, link, convert in self._queues:
+            for message, info in islice(queued(subscription), SENSOR_QOS.depth):
+                link.see(info.get("publication_sequence_number"))
                 convert(message)
                 count += 1
         return count
@@ -112,8 +117,8 @@ class ByHand(CallbackGroup):
         """Nothing ever began."""
 
 
-def queued(subscription: Subscription) -> Iterator[Any]:
-    """Messages that wait in a subscription's queue, taken out of it (as `rclpy.wait_for_message` does)."""
+def queued(subscription: Subscription) -> Iterator[tuple[Any, dict[str, Any]]]:
+    """Messages that wait in a queue, taken out of it (see `rclpy.wait_for_message`), each with its message info."""
     with subscription.handle:
         while (taken := subscription.handle.take_message(subscription.msg_type, False)) is not None:
-            yield taken[0]
+            yield taken

@@ -21,12 +21,12 @@ from nodes.conversions import fused_odometry, ns_to_stamp, pose_yaw, yaw_odometr
 from nodes.diagnostics import fusion_finding
 from nodes.fusion_node import FusionNode
 from nodes.health import Level, SequenceGaps, StreamHealth
+from nodes.names import compressed_topic, raw_topic
 from nodes.newest_worker import NewestWorker
 from nodes.parameters import describe, settings_specs
 from nodes.sample_queue import SampleQueue
 from nodes.throttled_log import REPEAT_S, ThrottledLog
 from nodes.transforms import transform_of
-from nodes.transport import compressed_topic, raw_topic
 
 FRAMES = ("odom", "base_link")
 START_YAWS = [math.radians(a) for a in (0.0, 60.0, 180.0, -120.0)] + [math.pi - 1e-9, -math.pi + 1e-9]
@@ -162,19 +162,24 @@ def test_health_reports_the_rate():
     assert health.judge(2.0, 2.0)[2]["rate [Hz]"] == "30.0"
 
 
-def test_gaps_in_the_sequence_are_counted_but_not_a_new_publisher():
+def counted(numbers, single=True):
+    """Gaps and steps back of a second in which these sequence numbers arrived."""
     gaps = SequenceGaps()
-    for number in (5, 6, 9, 10, 1, 2, 4, None, 7, 1_000_000):
+    for number in numbers:
         gaps.see(number)
-    assert gaps.lost == 2 + 1  # 7 and 8; 3
+    gaps.settle(single)
+    return gaps.skipped, gaps.take_steps_back()
 
 
-def test_gaps_between_two_publishers_are_none():
-    gaps = SequenceGaps()
-    for k in range(100):
-        gaps.see(500 + k)
-        gaps.see(k)
-    assert gaps.lost == 0
+def test_gaps_in_the_sequence_of_one_publisher_are_counted():
+    assert counted((5, 6, 9, None, 10, 12)) == (2 + 1, 0)
+    assert counted((5, 1_000_000)) == (0, 0)  # that is another publisher
+
+
+def test_gaps_beside_another_publisher_or_a_restart_are_none():
+    assert counted([n for k in range(100) for n in (500 + k, k)]) == (0, 100)
+    assert counted((5, 6, 500, 501, 7, 502), single=False) == (0, 1)
+    assert counted((90, 91, 1, 2)) == (0, 1)
 
 
 def test_worker_serves_the_newest_and_counts_the_overtaken():

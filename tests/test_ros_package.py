@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from fusion.settings import TopicSettings, load_settings
+from fusion.settings import TopicSettings, in_bag, load_settings
 
 ROOT = Path(__file__).resolve().parents[1]
 LAUNCH = sorted((ROOT / "nodes" / "launch").glob("*.launch.py"))
@@ -145,7 +145,7 @@ def test_plot_layout_shows_topics_that_the_node_has(name):
     else:
         shown = [curve.get("name") for curve in ET.fromstring(text).iter("curve")]
         assert "covariance[" not in text  # PlotJuggler names its elements covariance/[row;column]
-    topics = {value for name, value in TopicSettings().to_dict().items() if name.endswith("_topic")}
+    topics = {in_bag(value) for name, value in TopicSettings().to_dict().items() if name.endswith("_topic")}
     assert {topic for topic in topics for value in shown if value.startswith(topic)} == topics
     assert all(any(value.startswith(topic) for topic in topics) for value in shown)
 

@@ -6,9 +6,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from fusion.offline.bag import COMPRESSED_IMAGE, IMAGE, IMU, ODOMETRY, Bag, BagError, Topic
-from fusion.settings import TopicSettings
+from fusion.settings import NONE, TopicSettings, absent, in_bag
 
-NONE = "none"
 DEPTH = "/compressedDepth"  # the suffix that image_transport's depth plugin adds
 TRUTH_TOPIC = "/ground_truth/odom"  # where simulated bags keep it
 
@@ -39,6 +38,8 @@ class TopicChoice:
 def choose_topics(bag: Bag, settings: TopicSettings, request: TopicRequest | None = None) -> TopicChoice:
     """Pick each topic: the one asked for, else the one the settings name, else the only one of its type.
 
+    A sensor that the settings call absent is left out unless it is asked for.
+
     Raises
     ------
     BagError
@@ -47,7 +48,7 @@ def choose_topics(bag: Bag, settings: TopicSettings, request: TopicRequest | Non
     request = request or TopicRequest()
     ours = (settings.compass_output_topic, settings.fused_output_topic)
     truth = _choose(bag, [ODOMETRY], request.truth, TRUTH_TOPIC, "--truth-topic", by_type=False)
-    taken = (*ours, truth.name) if truth else ours
+    taken = (*ours, in_bag(truth.name)) if truth else ours
     odometry = _choose(bag, [ODOMETRY], request.odometry, settings.odometry_topic, "--odometry-topic", taken=taken)
     gyro = _choose(bag, [IMU], request.gyro, settings.gyro_topic, "--gyro-topic")
     kinds = [IMAGE, COMPRESSED_IMAGE] if settings.image_transport == "raw" else [COMPRESSED_IMAGE, IMAGE]
@@ -70,7 +71,7 @@ def _choose(
     by_type: bool = True,
 ) -> Topic | None:
     """One topic of one of `kinds`; earlier kinds win where the same camera is there twice."""
-    if requested == NONE:
+    if absent(preferred if requested is None else requested):
         return None
     candidates = [
         topic
@@ -80,11 +81,11 @@ def _choose(
     ]
     if requested is not None:
         return _requested(bag, candidates, requested, kinds, option)
-    candidates = [topic for topic in candidates if topic.name not in taken]
-    named = [topic for topic in candidates if _base(topic) == _strip_transport(preferred)]
-    if named:
-        return named[0]
-    if not by_type:
+    candidates = [topic for topic in candidates if not any(_means(name, topic.name) for name in taken)]
+    named = [topic for topic in candidates if _means(_strip_transport(preferred), _base(topic))]
+    in_root = [topic for topic in named if _base(topic) == in_bag(_strip_transport(preferred))]
+    candidates = in_root[:1] or named or candidates
+    if not by_type and not named:
         return None
     if len({_base(topic) for topic in candidates}) > 1:
         names = ", ".join(topic.name for topic in candidates)
@@ -97,7 +98,7 @@ def _choose(
 def _requested(bag: Bag, candidates: Sequence[Topic], name: str, kinds: Sequence[str], option: str) -> Topic:
     """The topic of that name, transport suffix optional."""
     exact = [topic for topic in candidates if topic.name == name]
-    alike = [topic for topic in candidates if _base(topic) == name]
+    alike = [topic for topic in candidates if in_bag(name) in (in_bag(topic.name), _base(topic))]
     if exact or alike:
         return (exact or alike)[0]
     names = ", ".join(topic.name for topic in candidates) or NONE
@@ -115,9 +116,15 @@ def is_depth(topic: Topic) -> bool:
     return topic.msgtype == COMPRESSED_IMAGE and topic.name.endswith(DEPTH)
 
 
+def _means(name: str, topic: str) -> bool:
+    """Whether a name of the settings means this topic of the bag; a relative one may be in any namespace."""
+    return in_bag(topic) == name if name.startswith("/") else in_bag(topic).endswith(f"/{name}")
+
+
 def _base(topic: Topic) -> str:
-    """The name without the suffix that image_transport adds."""
-    return _strip_transport(topic.name) if topic.msgtype == COMPRESSED_IMAGE else topic.name
+    """The name, with a slash ahead, without the suffix that image_transport adds."""
+    name = in_bag(topic.name)
+    return _strip_transport(name) if topic.msgtype == COMPRESSED_IMAGE else name
 
 
 def _strip_transport(name: str) -> str:
