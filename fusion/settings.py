@@ -47,7 +47,15 @@ class TopicSettings(ParameterSet):
     compass_textout: bool = parameter(False, "print the current angle", live=True)
     odom_frame: str = parameter("odom", "frame_id of the outputs")
     base_frame: str = parameter("base_link", "child_frame_id of the outputs")
-    publish_tf: bool = parameter(False, "broadcast odom_frame -> base_frame; needs tf2_ros")
+    position: str = parameter(
+        "dead_reckoning",
+        "x and y of fused_output_topic: the speed of odometry_topic along the fused yaw, or zeros",
+        choices=("dead_reckoning", NONE),
+    )
+    publish_tf: bool = parameter(False, "broadcast odom_frame -> base_frame as in fused_output_topic; needs tf2_ros")
+    invert_tf: bool = parameter(
+        False, "broadcast base_frame -> odom_frame instead, for a base_frame that has a parent already"
+    )
     fused_rate: float = parameter(
         0.0,
         "most messages a second on fused_output_topic; 0: whenever there is something newer",

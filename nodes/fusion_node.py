@@ -15,13 +15,14 @@ from std_srvs.srv import Empty
 
 from compass import YawIncrement
 from compass.errors import ConfigError
-from fusion import Sensor, Verdict, YawPipeline
+from fusion import OdometrySample, Sensor, Verdict, YawPipeline
 from fusion.buffer.events import fault_of, sensor_of
+from fusion.dead_reckoning import DeadReckoning
 from fusion.imu.levelling import ImuLevel
 from fusion.messages import gyro_sample, odometry_sample
-from fusion.settings import Settings, absent
+from fusion.settings import NONE, Settings, absent
 from nodes.compass_stream import CompassStream
-from nodes.conversions import fused_odometry, pose_yaw
+from nodes.conversions import fused_odometry, pose_place, pose_yaw
 from nodes.diagnostics import (
     Diagnostics,
     Finding,
@@ -67,7 +68,9 @@ class FusionNode(Node):
         self._links: dict[Sensor, Link] = {}
         self._published_ns = -1
         self._publisher = self.create_publisher(Odometry, topics.fused_output_topic, 10)
-        self._broadcaster = transform_broadcaster(self) if topics.publish_tf else None
+        self._frames = (topics.odom_frame, topics.base_frame)
+        self._broadcaster = transform_broadcaster(self, self._frames) if topics.publish_tf else None
+        self._reckoning = None if topics.position == NONE else DeadReckoning(settings.fusion)
         self._listen(Sensor.GYRO, topics.gyro_topic, lambda message: gyro_sample(message, self._level))
         self._listen(Sensor.TRACKS, topics.odometry_topic, odometry_sample)
         self._stream = None if absent(topics.compass_image) else self._see()
@@ -121,6 +124,8 @@ class FusionNode(Node):
                 self._log(self._links[sensor].name, f"refused: {why}")
             elif not (isinstance(sample, YawIncrement) and sample.long_baseline):  # that is the second of its image
                 self._count(sensor, sample.t_ns)
+                if self._reckoning and isinstance(sample, OdometrySample):
+                    self._reckoning.add(sample)
         self._publish()
 
     def _count(self, sensor: Sensor, t_ns: int) -> None:
@@ -138,15 +143,16 @@ class FusionNode(Node):
         """Publish the estimate if it is newer than the last; a late sample shows in the next."""
         estimate = self._pipeline.estimate()
         topics = self._settings.topics
+        place = self._reckoning.at(estimate) if self._reckoning and estimate else None
         pause_ns = 1e9 / topics.fused_rate if topics.fused_rate > 0.0 else 1.0
         if estimate is None or 0 <= estimate.t_ns - self._published_ns < pause_ns:
             return
         self._tell(estimate.warnings)
         self._published_ns = estimate.t_ns
-        message = fused_odometry(estimate, (topics.odom_frame, topics.base_frame))
+        message = fused_odometry(estimate, self._frames, place)
         self._publisher.publish(message)
         if self._broadcaster is not None:
-            self._broadcaster.sendTransform(transform_of(message))
+            self._broadcaster.sendTransform(transform_of(message, inverted=topics.invert_tf))
 
     def _apply(self, settings: Settings) -> None:
         self._settings = settings
@@ -159,6 +165,8 @@ class FusionNode(Node):
             self._stream.reset(self._pipeline.reset)
         else:
             self._pipeline.reset()
+        if self._reckoning:
+            self._reckoning.reset()
         self._queue.clear()
         self._level.reset()
         self._tell.clear()
@@ -169,6 +177,8 @@ class FusionNode(Node):
 
     def _on_set_pose(self, message: PoseWithCovarianceStamped) -> None:
         yaw, variance = pose_yaw(message)
+        if self._reckoning:
+            self._reckoning.set_position(*pose_place(message))
         self._pipeline.fusion.set_yaw(yaw, variance)
 
     def _warned(self, finding: Finding, sensor: Sensor | None = None) -> Finding:

@@ -15,9 +15,11 @@ import rclpy
 from geometry_msgs.msg import PoseWithCovarianceStamped
 
 from compass import YawIncrement
-from fusion import GyroSample, YawEstimate
+from compass.errors import ConfigError
+from fusion import GyroSample, OdometrySample, YawEstimate
+from fusion.dead_reckoning import Place
 from fusion.messages import MessageError, stamp_to_ns, yaw_of
-from nodes.conversions import fused_odometry, ns_to_stamp, pose_yaw, yaw_odometry
+from nodes.conversions import fused_odometry, ns_to_stamp, pose_place, pose_yaw, yaw_odometry
 from nodes.diagnostics import fusion_finding
 from nodes.fusion_node import FusionNode
 from nodes.health import Level, SequenceGaps, StreamHealth
@@ -26,7 +28,7 @@ from nodes.newest_worker import NewestWorker
 from nodes.parameters import describe, settings_specs
 from nodes.sample_queue import SampleQueue
 from nodes.throttled_log import REPEAT_S, ThrottledLog
-from nodes.transforms import transform_of
+from nodes.transforms import transform_broadcaster, transform_of
 
 FRAMES = ("odom", "base_link")
 START_YAWS = [math.radians(a) for a in (0.0, 60.0, 180.0, -120.0)] + [math.pi - 1e-9, -math.pi + 1e-9]
@@ -72,6 +74,69 @@ def test_transform_repeats_the_odometry():
     assert transform.header.stamp == message.header.stamp
     assert yaw_of(transform.transform.rotation) == pytest.approx(0.7)
     assert transform.transform.translation.x == 0.0
+
+
+PLACE = Place(3.0, -4.0, np.array([[0.04, 0.01], [0.01, 0.09]]), 0.5, 0.01)
+
+
+def test_odometry_carries_the_place_where_it_is_known():
+    message = fused_odometry(estimate(0.7), FRAMES, PLACE)
+    assert (message.pose.pose.position.x, message.pose.pose.position.y) == (3.0, -4.0)
+    assert (message.twist.twist.linear.x, message.twist.twist.linear.y) == (0.5, 0.0)
+    pose, twist = (np.reshape(part.covariance, (6, 6)) for part in (message.pose, message.twist))
+    assert pose[:2, :2] == pytest.approx(PLACE.covariance, abs=1e-8)
+    assert (pose[5, 5], twist[0, 0]) == (1e-4, pytest.approx(0.01))
+    assert min(pose[2, 2], pose[3, 3], twist[1, 1]) >= 1e3
+    np.linalg.cholesky(pose)
+
+
+@pytest.mark.parametrize("yaw", START_YAWS)
+def test_inverted_transform_undoes_the_other(yaw):
+    message = fused_odometry(estimate(yaw), FRAMES, PLACE)
+    there, back = transform_of(message), transform_of(message, inverted=True)
+    assert (back.header.frame_id, back.child_frame_id) == (FRAMES[1], FRAMES[0])
+    assert back.header.stamp == there.header.stamp
+    matrices = []
+    for transform in (there.transform, back.transform):
+        turn, shift = yaw_of(transform.rotation), transform.translation
+        cos, sin = math.cos(turn), math.sin(turn)
+        matrices.append(np.array([[cos, -sin, shift.x], [sin, cos, shift.y], [0.0, 0.0, 1.0]]))
+    assert matrices[0] @ matrices[1] == pytest.approx(np.eye(3), abs=1e-9)
+    assert there.transform.translation.x == 3.0
+    assert message.header.frame_id == FRAMES[0]  # the message itself is left as it is
+
+
+@pytest.mark.parametrize("frames", [("odom", "odom"), ("", "base_link"), ("odom", "/base_link")])
+def test_frames_that_no_tree_can_have_are_refused(frames):
+    with pytest.raises(ConfigError, match="without a leading slash"):
+        transform_broadcaster(None, frames)
+
+
+@pytest.mark.parametrize(("position", "x"), [("dead_reckoning", 0.5), ("none", 0.0)])
+def test_node_sums_up_the_speed_unless_told_not_to(position, x):
+    rclpy.init(args=["--ros-args", "-p", f"position:={position}", "-p", "compass_image:=none"])
+    node, published = FusionNode(), []
+    try:
+        node._publisher.publish = published.append
+        for k in range(11):
+            node._fuse([OdometrySample(10**9 + k * 10**8, 0.01, 0.5)])
+    finally:
+        node.destroy_node()
+        rclpy.try_shutdown()
+    assert len(published) == 11
+    assert published[-1].pose.pose.position.x == pytest.approx(x, abs=0.01)
+    assert (published[-1].pose.covariance[0] < 1.0) == (position != "none")
+
+
+def test_set_pose_carries_a_position():
+    message = pose()
+    message.pose.pose.position.x, message.pose.covariance[0], message.pose.covariance[7] = 2.0, 0.1, 0.2
+    assert pose_place(message) == (2.0, 0.0, (0.1, 0.0, 0.2))
+    for index, value in ((0, -1.0), (1, 5.0), (7, math.nan)):
+        wrong = pose()
+        wrong.pose.covariance[index] = value
+        with pytest.raises(MessageError, match="position"):
+            pose_place(wrong)
 
 
 def pose(w=1.0, z=0.0, variance=0.01):

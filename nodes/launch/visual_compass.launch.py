@@ -27,7 +27,9 @@ PARAMETERS = {
     "fused_output_topic": "topic of the fused yaw",
     "odom_frame": "frame_id of the outputs",
     "base_frame": "child_frame_id of the outputs",
+    "position": "dead_reckoning, or none: x and y are zero",
     "publish_tf": "true: broadcast odom_frame -> base_frame",
+    "invert_tf": "true: broadcast base_frame -> odom_frame instead",
     "use_sim_time": "true: time comes from /clock",
 }
 
