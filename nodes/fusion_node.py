@@ -23,17 +23,8 @@ from fusion.messages import gyro_sample, odometry_sample
 from fusion.settings import NONE, Settings, absent
 from nodes.compass_stream import CompassStream
 from nodes.conversions import fused_odometry, pose_place, pose_yaw
-from nodes.diagnostics import (
-    Diagnostics,
-    Finding,
-    count_figures,
-    delivered,
-    fusion_finding,
-    gate_figures,
-    state_figures,
-    stream_finding,
-    warned,
-)
+from nodes.diagnostics import Diagnostics, Finding, delivered, stream_finding, warned
+from nodes.filter_figures import count_figures, fusion_finding, gate_figures, state_figures
 from nodes.health import StreamHealth
 from nodes.link import Link
 from nodes.names import INPUTS, check_names, resolved_name

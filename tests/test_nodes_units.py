@@ -20,7 +20,7 @@ from fusion import GyroSample, OdometrySample, YawEstimate
 from fusion.dead_reckoning import Place
 from fusion.messages import MessageError, stamp_to_ns, yaw_of
 from nodes.conversions import fused_odometry, ns_to_stamp, pose_place, pose_yaw, yaw_odometry
-from nodes.diagnostics import fusion_finding
+from nodes.filter_figures import fusion_finding
 from nodes.fusion_node import FusionNode
 from nodes.health import Level, SequenceGaps, StreamHealth
 from nodes.names import compressed_topic, raw_topic
