@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Iterator
 from itertools import islice
-from typing import Any
+from typing import Any, cast
 
 from rclpy.callback_groups import CallbackGroup
 from rclpy.clock import Clock, ClockType
@@ -29,11 +29,14 @@ _MOST_PASSES = 10  # over the queues within one turn, when messages come faster 
 
 
 class SampleQueue:
-    """Looks into all queues every `TURN_S`; what was in them is used in the order of the stamps.
+    """Looks into all queues every `TURN_S` while something comes; what was in them is used in the order of the stamps.
 
     rclpy's executor spends a millisecond on each message that it delivers, and delivers one per subscription and turn.
     A 200 Hz gyro would cost it half a core, which the images lack; and a node that fell behind would stay behind, and
     worse: images are ahead of the queued gyro then, and each late sample makes the filter replay what came after it.
+
+    So the executor delivers only the first message after a pause. That begins a turn: a timer empties all queues until
+    there was nothing in them, and meanwhile the executor does not wait for them. Who hears nothing does nothing.
 
     Parameters
     ----------
@@ -49,18 +52,25 @@ class SampleQueue:
         self._increments: deque[YawIncrement] = deque()
         self._queues: list[tuple[Subscription, Link, Callable[[Any], None]]] = []
         self._samples: list[Sample] = []
-        self._by_hand = ByHand()
+        self._idle = WhileIdle()
+        self._woken = node.create_guard_condition(self._wake)
         # A steady clock: with use_sim_time and a paused bag, the queues are emptied all the same.
-        node.create_timer(TURN_S, self._turn, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self._timer = node.create_timer(TURN_S, self._turn, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def listen(self, kind: type, topic: str, convert: Callable[[Any], None]) -> Link:
         """Subscribe; `convert` is to `append` the sample of a message, and must not raise."""
+
+        def first(message: Any, info: dict[str, Any]) -> None:
+            link.see(info.get("publication_sequence_number"))
+            convert(message)
+            self._wake()
+
         subscription = self._node.create_subscription(
             kind,
             topic,
-            convert,
+            cast(Any, first),  # takes the message's info, too, which rclpy's types leave out
             SENSOR_QOS,
-            callback_group=self._by_hand,
+            callback_group=self._idle,
             event_callbacks=NO_DEFAULTS,
             qos_overriding_options=QoSOverridingOptions.with_default_policies(),
         )
@@ -75,11 +85,19 @@ class SampleQueue:
     def send(self, increment: YawIncrement) -> None:
         """Hand in an increment, from any thread."""
         self._increments.append(increment)
+        self._woken.trigger()
 
     def clear(self) -> None:
         """Forget what waits."""
         self._increments.clear()
         self._samples.clear()
+
+    def _wake(self) -> None:
+        """Look into the queues, and go on with that, in the executor's thread."""
+        if self._idle.idle:
+            self._idle.idle = False
+            self._timer.reset()
+            self._turn()
 
     def _turn(self) -> None:
         for _ in range(_MOST_PASSES):  # while one queue is emptied, others fill: what they hold by then is older
@@ -90,6 +108,9 @@ class SampleQueue:
         samples, self._samples = self._samples, []
         if samples:
             self._use(sorted(samples, key=lambda sample: sample.t_ns))
+        else:
+            self._idle.idle = True
+            self._timer.cancel()
 
     def _pass(self) -> int:
         """Empty each queue once, of a flood only as much as it can hold; returns how many messages were in them."""
@@ -102,19 +123,23 @@ class SampleQueue:
         return count
 
 
-class ByHand(CallbackGroup):
-    """Keeps subscriptions out of the executor's wait set: their queues are emptied by hand."""
+class WhileIdle(CallbackGroup):
+    """Keeps subscriptions in the executor's wait set only while `idle`: else their queues are emptied by hand."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.idle = False  # the timer runs at the start
 
     def can_execute(self, entity: Any) -> bool:
-        """Tell the executor to pass over them."""
-        return False
+        """Tell the executor to wait for them, or to pass over them."""
+        return self.idle
 
     def beginning_execution(self, entity: Any) -> bool:
-        """Tell the executor that none of them may run."""
-        return False
+        """Tell the executor that one of them may run: the first, which ends the pause."""
+        return self.idle
 
     def ending_execution(self, entity: Any) -> None:
-        """Nothing ever began."""
+        """Nothing to undo."""
 
 
 def queued(subscription: Subscription) -> Iterator[tuple[Any, dict[str, Any]]]:
