@@ -63,6 +63,11 @@ class TopicSettings(ParameterSet):
         low=0.0,
         high=1000.0,
     )
+    reliable: bool = parameter(
+        False,
+        "take every message and every image in its turn, and tell each image on ~/image_done; for a bag whose player "
+        "waits for that, not for a robot, whose images would wait in a queue",
+    )
     sensor_timeout: float = parameter(
         2.0, "a sensor silent for longer is stale in /diagnostics", unit="s", low=0.1, high=3600.0, live=True
     )

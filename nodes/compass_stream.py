@@ -12,9 +12,9 @@ import numpy as np
 from nav_msgs.msg import Odometry
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.node import Node
-from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from sensor_msgs.msg import CompressedImage, Image
+from std_msgs.msg import Header
 
 from compass import CompassStatus, VisualCompass, YawIncrement
 from compass.features.long_baseline import Comparison
@@ -28,9 +28,8 @@ from nodes.health import Level, StreamHealth
 from nodes.link import NO_DEFAULTS, Link
 from nodes.names import compressed_topic, raw_topic, resolved_name
 from nodes.newest_worker import NewestWorker
+from nodes.quality import EVERY_IMAGE_QOS, IMAGE_QOS
 from nodes.throttled_log import ThrottledLog, surviving
-
-IMAGE_QOS = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 ImageMessage: TypeAlias = Image | CompressedImage
 
@@ -52,6 +51,8 @@ class CompassStream:
         Makes an increment of stamp, image and encoding: `VisualCompass.update`, or `YawPipeline.measure_image`.
     use : callable, optional
         Takes every increment, in the image thread, or that which looks back; tells `health` whether it was used.
+    after : callable, optional
+        Calls what it is given once all that was handed to `use` is used; at once where there is none.
     """
 
     def __init__(
@@ -62,6 +63,7 @@ class CompassStream:
         log: ThrottledLog,
         measure: Callable[[int, Any, str], YawIncrement | None] | None = None,
         use: Callable[[YawIncrement], object] | None = None,
+        after: Callable[[Callable[[], None]], None] = lambda done: done(),
     ) -> None:
         topics = settings.topics
         self._node = node
@@ -69,6 +71,7 @@ class CompassStream:
         self._log = log
         self._measure = measure or compass.update
         self._use = use
+        self._after = after
         self._frames = (topics.odom_frame, topics.base_frame)
         self._busy = threading.Lock()  # held while an image is worked on
         self._rate = CompassRate()
@@ -81,18 +84,21 @@ class CompassStream:
         given = (compressed_topic if compressed else raw_topic)(topics.compass_image)
         self.topic = resolved_name(node, given, "compass_image")
         work = surviving(node, self.topic, log, self._work)
-        self._worker: NewestWorker[ImageMessage] = NewestWorker(work, "images")
+        self._worker: NewestWorker[ImageMessage] = NewestWorker(
+            work, "images", EVERY_IMAGE_QOS.depth if topics.reliable else 1
+        )
         compare = surviving(node, self.topic, log, self._compare)
         self._resets = 0
         self._back: NewestWorker[tuple[int, Comparison]] = NewestWorker(
             compare, "long baselines"
         )  # takes longer than an image may
         self._publisher = node.create_publisher(Odometry, topics.compass_output_topic, 10)
+        self._done = node.create_publisher(Header, "~/image_done", EVERY_IMAGE_QOS) if topics.reliable else None
         subscription = node.create_subscription(
             CompressedImage if compressed else Image,
             given,
             cast(Any, self._receive),  # takes the message's info, too, which rclpy's types leave out
-            IMAGE_QOS,
+            EVERY_IMAGE_QOS if topics.reliable else IMAGE_QOS,
             callback_group=MutuallyExclusiveCallbackGroup(),
             event_callbacks=NO_DEFAULTS,
             qos_overriding_options=QoSOverridingOptions.with_default_policies(),
@@ -141,8 +147,13 @@ class CompassStream:
         self._worker.offer(message)
 
     def _work(self, message: ImageMessage) -> None:
-        with self._busy:
-            self._serve(message)
+        try:
+            with self._busy:
+                self._serve(message)
+        finally:
+            if self._done is not None:
+                done = self._done
+                self._after(lambda: done.publish(message.header))
 
     def _serve(self, message: ImageMessage) -> None:
         compass = self._compass
@@ -155,7 +166,9 @@ class CompassStream:
             if self._use is not None:
                 self._use(increment)
                 comparison = compass.due_long_baseline()
-                if comparison is not None:
+                if comparison is not None and self._done is not None:
+                    self._take(comparison())
+                elif comparison is not None:
                     self._back.offer((self._resets, comparison))
         elif compass.status is not CompassStatus.FIRST_FRAME:
             self._log(self.topic, compass.status.value)
@@ -168,8 +181,12 @@ class CompassStream:
         resets, comparison = due
         increment = comparison()
         with self._busy:
-            if increment is not None and self._use is not None and resets == self._resets:
-                self._use(increment)
+            if resets == self._resets:
+                self._take(increment)
+
+    def _take(self, increment: YawIncrement | None) -> None:
+        if increment is not None and self._use is not None:
+            self._use(increment)
 
     def _publish(self, increment: YawIncrement) -> None:
         compass = self._compass

@@ -29,6 +29,7 @@ from nodes.health import StreamHealth
 from nodes.link import Link
 from nodes.names import INPUTS, check_names, resolved_name
 from nodes.parameters import NodeParameters
+from nodes.quality import EVERY_SAMPLE_QOS, SENSOR_QOS
 from nodes.runtime import on_jump_back, run
 from nodes.sample_queue import Sample, SampleQueue
 from nodes.throttled_log import ThrottledLog, WarningLogger, surviving
@@ -54,7 +55,8 @@ class FusionNode(Node):
         self._pipeline = YawPipeline(settings.compass, settings.fusion)
         self._level = ImuLevel(settings.imu)
         self._pipeline.warning_sources.append(self._level.warnings)
-        self._queue = SampleQueue(self, surviving(self, "fusion", self._log, self._fuse))
+        qos = EVERY_SAMPLE_QOS if topics.reliable else SENSOR_QOS
+        self._queue = SampleQueue(self, surviving(self, "fusion", self._log, self._fuse), qos)
         self._health: dict[Sensor, StreamHealth] = {}
         self._links: dict[Sensor, Link] = {}
         self._published_ns = -1
@@ -89,7 +91,7 @@ class FusionNode(Node):
     def _see(self) -> CompassStream:
         """Subscribe to the panoramas."""
         compass, measure = self._pipeline.compass, self._pipeline.measure_image
-        stream = CompassStream(self, self._settings, compass, self._log, measure, self._queue.send)
+        stream = CompassStream(self, self._settings, compass, self._log, measure, self._queue.send, self._queue.call)
         self._health[Sensor.COMPASS], self._links[Sensor.COMPASS] = stream.health, stream.link
         return stream
 

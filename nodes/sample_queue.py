@@ -10,19 +10,16 @@ from typing import Any, cast
 from rclpy.callback_groups import CallbackGroup
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
-from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import QoSProfile
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.subscription import Subscription
 
 from compass import YawIncrement
 from fusion import GyroSample, OdometrySample
 from nodes.link import NO_DEFAULTS, Link
+from nodes.quality import SENSOR_QOS
 
 Sample = GyroSample | OdometrySample | YawIncrement
-
-# Sensor-data profile, save that half a second of a fast gyro can wait out a pause of the process: each sample counts.
-SENSOR_QOS = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
-
 
 TURN_S = 0.01  # between two looks into the queues
 _MOST_PASSES = 10  # over the queues within one turn, when messages come faster than they are taken
@@ -44,11 +41,15 @@ class SampleQueue:
         Owner of the subscriptions.
     use : callable
         Takes samples sorted by stamp, always in the executor's thread.
+    qos : QoSProfile
+        Of the subscriptions.
     """
 
-    def __init__(self, node: Node, use: Callable[[list[Sample]], None]) -> None:
+    def __init__(self, node: Node, use: Callable[[list[Sample]], None], qos: QoSProfile = SENSOR_QOS) -> None:
         self._node = node
         self._use = use
+        self._qos = qos
+        self._afterwards: deque[Callable[[], None]] = deque()
         self._increments: deque[YawIncrement] = deque()
         self._queues: list[tuple[Subscription, Link, Callable[[Any], None]]] = []
         self._samples: list[Sample] = []
@@ -69,7 +70,7 @@ class SampleQueue:
             kind,
             topic,
             cast(Any, first),  # takes the message's info, too, which rclpy's types leave out
-            SENSOR_QOS,
+            self._qos,
             callback_group=self._idle,
             event_callbacks=NO_DEFAULTS,
             qos_overriding_options=QoSOverridingOptions.with_default_policies(),
@@ -85,6 +86,11 @@ class SampleQueue:
     def send(self, increment: YawIncrement) -> None:
         """Hand in an increment, from any thread."""
         self._increments.append(increment)
+        self._woken.trigger()
+
+    def call(self, done: Callable[[], None]) -> None:
+        """Have `done` called once all that was handed in so far is used, in the executor's thread; from any thread."""
+        self._afterwards.append(done)
         self._woken.trigger()
 
     def clear(self) -> None:
@@ -103,12 +109,15 @@ class SampleQueue:
         for _ in range(_MOST_PASSES):  # while one queue is emptied, others fill: what they hold by then is older
             if not self._pass():
                 break
+        afterwards = len(self._afterwards)
         while self._increments:
             self._samples.append(self._increments.popleft())
         samples, self._samples = self._samples, []
         if samples:
             self._use(sorted(samples, key=lambda sample: sample.t_ns))
-        else:
+        for _ in range(afterwards):
+            self._afterwards.popleft()()
+        if not samples:
             self._idle.idle = True
             self._timer.cancel()
 
@@ -116,7 +125,7 @@ class SampleQueue:
         """Empty each queue once, of a flood only as much as it can hold; returns how many messages were in them."""
         count = 0
         for subscription, link, convert in self._queues:
-            for message, info in islice(queued(subscription), SENSOR_QOS.depth):
+            for message, info in islice(queued(subscription), self._qos.depth):
                 link.see(info.get("publication_sequence_number"))
                 convert(message)
                 count += 1

@@ -30,6 +30,7 @@ PARAMETERS = {
     "position": "dead_reckoning, or none: x and y are zero",
     "publish_tf": "true: broadcast odom_frame -> base_frame",
     "invert_tf": "true: broadcast base_frame -> odom_frame instead",
+    "reliable": "true: take every image in its turn, for a bag",
     "use_sim_time": "true: time comes from /clock",
 }
 
