@@ -31,6 +31,8 @@ from nodes.newest_worker import NewestWorker
 from nodes.quality import EVERY_IMAGE_QOS, IMAGE_QOS
 from nodes.throttled_log import ThrottledLog, surviving
 
+LONGEST_SETTLING_S = 10.0  # of the executor, before an image is worked on all the same: the node is ending
+
 ImageMessage: TypeAlias = Image | CompressedImage
 
 
@@ -52,7 +54,7 @@ class CompassStream:
     use : callable, optional
         Takes every increment, in the image thread, or that which looks back; tells `health` whether it was used.
     after : callable, optional
-        Calls what it is given once all that was handed to `use` is used; at once where there is none.
+        Calls what it is given once all is used that has arrived or was handed to `use`; at once where there is none.
     """
 
     def __init__(
@@ -148,6 +150,10 @@ class CompassStream:
 
     def _work(self, message: ImageMessage) -> None:
         try:
+            if self._done is not None:  # what the compass is told of the tilt is not to depend on who came first
+                settled = threading.Event()
+                self._after(settled.set)
+                settled.wait(LONGEST_SETTLING_S)
             with self._busy:
                 self._serve(message)
         finally:

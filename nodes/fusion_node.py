@@ -133,18 +133,24 @@ class FusionNode(Node):
         return report is None or report.verdict is not Verdict.REJECTED
 
     def _publish(self) -> None:
-        """Publish the estimate if it is newer than the last; a late sample shows in the next."""
+        """Publish the estimate if it is newer than the last; a late sample shows in the next.
+
+        In a bag there may be no next: where every sample counts, one that came late makes the last be published again.
+        """
         estimate = self._pipeline.estimate()
         topics = self._settings.topics
         place = self._reckoning.at(estimate) if self._reckoning and estimate else None
         pause_ns = 1e9 / topics.fused_rate if topics.fused_rate > 0.0 else 1.0
-        if estimate is None or 0 <= estimate.t_ns - self._published_ns < pause_ns:
+        if estimate is None:
+            return
+        ahead_ns = estimate.t_ns - self._published_ns
+        if 0 <= ahead_ns < pause_ns and not (topics.reliable and ahead_ns == 0):
             return
         self._tell(estimate.warnings)
         self._published_ns = estimate.t_ns
         message = fused_odometry(estimate, self._frames, place)
         self._publisher.publish(message)
-        if self._broadcaster is not None:
+        if self._broadcaster is not None and ahead_ns:
             self._broadcaster.sendTransform(transform_of(message, inverted=topics.invert_tf))
 
     def _apply(self, settings: Settings) -> None:

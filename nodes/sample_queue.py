@@ -89,7 +89,7 @@ class SampleQueue:
         self._woken.trigger()
 
     def call(self, done: Callable[[], None]) -> None:
-        """Have `done` called once all that was handed in so far is used, in the executor's thread; from any thread."""
+        """Have `done` called, in the executor's thread, once all that has arrived so far is used; from any thread."""
         self._afterwards.append(done)
         self._woken.trigger()
 
@@ -106,10 +106,10 @@ class SampleQueue:
             self._turn()
 
     def _turn(self) -> None:
+        afterwards = len(self._afterwards)  # those asked for later may mean messages that this turn does not see
         for _ in range(_MOST_PASSES):  # while one queue is emptied, others fill: what they hold by then is older
             if not self._pass():
                 break
-        afterwards = len(self._afterwards)
         while self._increments:
             self._samples.append(self._increments.popleft())
         samples, self._samples = self._samples, []
