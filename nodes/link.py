@@ -123,7 +123,7 @@ class Link:
 
     def _loss(self, lost: int, overtaken: int, received: int, senders: list[TopicEndpointInfo]) -> str:
         sent = lost + overtaken + received
-        if sent:  # else nothing new is known
+        if sent or self._received:  # else nothing new is known: all there ever was is lost
             why = self._why_lost(senders)
             parts = [(lost, f"lost on the way {why}"), (overtaken, "overtaken before the node could take them")]
             self._losses = "; ".join(

@@ -150,6 +150,17 @@ def test_plot_layout_shows_topics_that_the_node_has(name):
     assert all(any(value.startswith(topic) for topic in topics) for value in shown)
 
 
+def test_rviz_layout_shows_outputs_that_match():
+    """Relative names, so that rviz2 in a robot's namespace shows that robot; a reliable output serves both kinds."""
+    layout = yaml.safe_load((ROOT / "config" / "visual_compass.rviz").read_text(encoding="utf-8"))
+    manager = layout["Visualization Manager"]
+    topics = {display["Topic"]["Value"]: display["Topic"] for display in manager["Displays"] if "Topic" in display}
+    settings = TopicSettings()
+    assert set(topics) == {settings.fused_output_topic, settings.compass_output_topic, settings.compass_image}
+    assert {topic["Durability Policy"] for topic in topics.values()} == {"Volatile"}
+    assert manager["Global Options"]["Fixed Frame"] == settings.odom_frame
+
+
 def test_licence_is_the_same_everywhere():
     licence = manifest().findtext("license")
     assert f'license="{licence}"' in (ROOT / "setup.py").read_text(encoding="utf-8")
