@@ -7,7 +7,8 @@ from collections import deque
 from collections.abc import Callable, Iterable
 from typing import Any
 
-from rclpy.event_handler import SubscriptionEventCallbacks, UnsupportedEventTypeError
+from rclpy.event_handler import QoSSubscriptionEventType, SubscriptionEventCallbacks, UnsupportedEventTypeError
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
@@ -33,7 +34,7 @@ class Link:
     node : Node
         Owner of the subscription.
     subscription : Subscription
-        Made with `NO_DEFAULTS`: its events are handled here, in the node's own callback group.
+        Made with `NO_DEFAULTS`: who does not match is seen in the graph.
     given : str
         The name it was made with, not yet resolved.
 
@@ -65,27 +66,18 @@ class Link:
         self._losses = ""
         self._log = ThrottledLog(lambda line: node.get_logger().warning(line))
         self._steps_back: deque[int] = deque([0, 0], maxlen=2)  # of the last two periods
-        self._watch(subscription)
+        self._event = lost_event(subscription)
 
-    def _watch(self, subscription: Subscription) -> None:
-        """Have the middleware tell of lost messages, and the log of publishers that do not match."""
-        events = SubscriptionEventCallbacks(message_lost=self._on_lost)
-        try:
-            handlers = self._handlers(events, subscription)
-        except UnsupportedEventTypeError:
-            handlers = self._handlers(SubscriptionEventCallbacks(), subscription)
-        owned: Any = subscription.event_handlers  # a list, which rclpy annotates as one handler
-        for handler in handlers:
-            owned.append(handler)  # and destroyed with it
-            self._node.add_waitable(handler)
+    def _lost_now(self) -> int:
+        """All messages of which the middleware says that they were sent and never arrived.
 
-    def _handlers(self, events: SubscriptionEventCallbacks, subscription: Subscription) -> list[Any]:
-        group = self._node.default_callback_group
-        handlers: list[Any] = events.create_event_handlers(group, subscription.handle, self.name)
-        return handlers
-
-    def _on_lost(self, event: Any) -> None:
-        self.lost = event.total_count
+        It is asked now and then: an event handler in the executor's wait set would wake that with every message.
+        """
+        if self._event is None:
+            return 0
+        with self._event:
+            status = self._event.take_event()
+        return self.lost if status is None else int(status.total_count)
 
     def see(self, number: int | None) -> None:
         """Note a message that arrived; `number` is its publisher's sequence number, None where there is none."""
@@ -95,6 +87,7 @@ class Link:
     def look(self) -> tuple[str, bool, dict[str, str]]:
         """What is wrong since the last look, in words (empty: nothing), whether that explains silence, and figures."""
         senders = self._node.get_publishers_info_by_topic(self._given)
+        self.lost = self._lost_now()
         lost, overtaken, received = self._since_last(senders)
         figures = {
             "publishers": ", ".join(names(senders)) or "none",
@@ -169,6 +162,17 @@ class Link:
         if wanted not in others:
             return f"; {self.name} is a {', '.join(sorted(others))}, not a {wanted}"
         return ""
+
+
+def lost_event(subscription: Subscription) -> Any:
+    """Handle of the middleware's count of lost messages, as `rclpy.event_handler` has it; None where it keeps none."""
+    try:
+        with subscription.handle:
+            return rclpy_implementation.EventHandle(
+                subscription.handle, QoSSubscriptionEventType.RCL_SUBSCRIPTION_MESSAGE_LOST
+            )
+    except UnsupportedEventTypeError:
+        return None
 
 
 def unserved(node: Node, topic: str, profile: QoSProfile) -> str:

@@ -86,12 +86,17 @@ class SampleQueue:
     def send(self, increment: YawIncrement) -> None:
         """Hand in an increment, from any thread."""
         self._increments.append(increment)
-        self._woken.trigger()
+        self._trigger()
 
     def call(self, done: Callable[[], None]) -> None:
         """Have `done` called, in the executor's thread, once all that has arrived so far is used; from any thread."""
         self._afterwards.append(done)
-        self._woken.trigger()
+        self._trigger()
+
+    def _trigger(self) -> None:
+        """Wake the executor; while it looks into the queues every turn, the next turn is soon enough."""
+        if self._idle.idle:
+            self._woken.trigger()
 
     def clear(self) -> None:
         """Forget what waits."""
@@ -119,7 +124,10 @@ class SampleQueue:
             self._afterwards.popleft()()
         if not samples:
             self._idle.idle = True
-            self._timer.cancel()
+            if self._increments or self._afterwards:  # came since, from a thread that may have seen no pause
+                self._idle.idle = False
+            else:
+                self._timer.cancel()
 
     def _pass(self) -> int:
         """Empty each queue once, of a flood only as much as it can hold; returns how many messages were in them."""

@@ -61,6 +61,19 @@ def test_manifest_names_every_import_of_the_package():
     assert not missing, f"package.xml lacks exec_depend for {sorted(missing)}"
 
 
+def test_manifest_s_keys_of_the_nodes_are_all_that_the_nodes_import():
+    """Without those of bags (see `test_imports_of_a_node_are_what_it_uses`), and only filterpy is from pip."""
+    always = {element.text for element in manifest().iter("exec_depend") if element.get("condition") is None}
+    assert {key for key in always if key.endswith("-pip")} == {"python3-filterpy-pip"}
+    assert not always & {KEYS[name] for name in ("rosbags", "click", "rich", "matplotlib", "platformdirs")}
+
+
+def test_colcon_finds_that_pytest_runs_the_tests():
+    """It takes unittest, finds nothing and reports success, unless an extra called `test` asks for pytest."""
+    project = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
+    assert re.search(r'^test = \["pytest', project, re.MULTILINE)
+
+
 def test_manifest_and_citation_agree_with_the_distribution():
     project = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
     version = re.search(r'^version = "(.+)"$', project, re.MULTILINE).group(1)
