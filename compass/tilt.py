@@ -15,13 +15,13 @@ import numpy.typing as npt
 
 Vector = tuple[float, float, float]
 
-STEEPEST = 0.3  # cosine of the pitch; steeper, and the heading is that of nothing
-LEVELS_S = 5.0  # in which a tilt that is not confirmed is forgotten: it is summed up from image to image
+STEEPEST_COSINE = 0.3  # cosine of the pitch; steeper, and the heading is that of nothing
+LEVELS_S = 5.0  # in which a tilt that is not confirmed is forgotten: it is summed up from image to image; not derived
 
 
 @dataclass(frozen=True, slots=True)
 class Tilted:
-    """How the camera leans, its heading left out.
+    """Roll and pitch of the camera, its heading left out.
 
     Attributes
     ----------
@@ -35,13 +35,13 @@ class Tilted:
     def upright(up: Vector) -> Tilted:
         """Of a camera in whose frame `up`, a unit vector, is the vertical; level where it looks straight up or down."""
         level = math.sqrt(max(1.0 - up[0] ** 2, 0.0))
-        if level < STEEPEST:
+        if level < STEEPEST_COSINE:
             return Tilted()
         ahead = np.array([1.0 - up[0] ** 2, -up[0] * up[1], -up[0] * up[2]]) / level
         return Tilted(np.array([ahead, np.cross(up, ahead), up]))
 
     def after(self, turn: float, tilt: tuple[float, float]) -> tuple[Tilted, float]:
-        """How it leans, and how its heading has changed, rad, once the scene has rotated by `tilt` and then turned.
+        """Its tilt, and how its heading has changed, rad, once the scene has rotated by `tilt` and then turned.
 
         Parameters
         ----------
@@ -52,14 +52,14 @@ class Tilted:
         """
         cosine, sine = math.cos(turn), math.sin(turn)
         about_axis = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
-        leant = self.matrix @ _rotation(-tilt[0], -tilt[1], 0.0) @ about_axis
-        heading = math.atan2(leant[1, 0], leant[0, 0])
-        return Tilted(_rotation(0.0, 0.0, -heading) @ leant), heading
+        rotation = self.matrix @ _rotation(-tilt[0], -tilt[1], 0.0) @ about_axis
+        heading = math.atan2(rotation[1, 0], rotation[0, 0])
+        return Tilted(_rotation(0.0, 0.0, -heading) @ rotation), heading
 
     def variance(self, turn: float, sigma: float) -> float:
-        """Variance of that change of heading, rad^2, for errors `sigma` (rad) of roll and pitch; for small leans."""
-        leant: float = 1.0 - self.matrix[2, 2] ** 2
-        return (sigma * math.sin(turn)) ** 2 * leant
+        """Variance of that change of heading, rad^2, for errors `sigma` (rad) of roll and pitch; for small tilts."""
+        sine_squared: float = 1.0 - self.matrix[2, 2] ** 2  # of the tilt
+        return (sigma * math.sin(turn)) ** 2 * sine_squared
 
     def later(self, seconds: float) -> Tilted:
         """The same some time later: level again, little by little."""
@@ -95,14 +95,14 @@ def tilt_between(before: Vector, now: Vector, turn: float) -> tuple[float, float
 
 
 def beyond_error(up: Vector, sigma: float) -> Vector:
-    """The vertical of a robot that leans so much less that level ground, seen with errors of `sigma` (rad), is level.
+    """The vertical with the tilt shrunk so that level ground, seen with errors of `sigma` (rad), is level.
 
-    What a lean does to the heading goes with its square, and a square grows by that of its errors.
+    The effect of a tilt on the heading goes with its square, and a measured square is biased by that of its errors.
     """
-    lean = math.hypot(up[0], up[1])
-    if up[2] > 0.0 and lean <= sigma:
+    sine = math.hypot(up[0], up[1])  # of the tilt
+    if up[2] > 0.0 and sine <= sigma:
         return 0.0, 0.0, 1.0
-    less = math.sqrt(1.0 - (sigma / max(lean, sigma)) ** 2) if lean else 1.0
+    less = math.sqrt(1.0 - (sigma / max(sine, sigma)) ** 2) if sine else 1.0
     x, y = less * up[0], less * up[1]
     return x, y, math.copysign(math.sqrt(max(1.0 - x * x - y * y, 0.0)), up[2])
 

@@ -22,6 +22,7 @@ from compass.images.strip import Strip, prepare_strip
 from compass.increment import CompassStatus, YawIncrement
 from compass.methods.match import Match, Search
 from compass.methods.registry import find_method
+from compass.stamp_order import StampOrder
 from compass.tilt import Tilted, Vector, beyond_error
 from compass.unmeasured_turn import LostTurn, LostTurns
 
@@ -29,7 +30,7 @@ UpAt = Callable[[int], Vector | None]
 
 MIN_TEXTURE = 1.1  # grey values of 255; camera noise of 4 alone leaves 0.9 at 1024 columns
 FROZEN_NS = 500_000_000  # a camera never gives the very same image for so long; a video may, frame by frame
-BELIEVED_BACKWARD = 10  # images in a row whose stamps rise, but lie before one that was stamped wrongly
+
 SEEK_NS = 300_000_000  # a view so old is sought by its corners, and so often: it takes as long as ten comparisons
 GIVE_UP_NS = 1_000_000_000  # a view that matches no keyframe for so long is a new one
 
@@ -89,16 +90,13 @@ class VisualCompass:
         self.yaw_variance = 0.0
         self.history, self.circle = ImageHistory(), CircleCheck()
         self._lost_turns = LostTurns()
-        self._keyframe: Strip | None = None  # what images are compared with, and the yaw there
-        self._keyframe_yaw = 0.0
-        self._keyframe_variance = 0.0
-        self._keyframe_tilt = Tilted()
+        self._keyframe: View | None = None  # what images are compared with
         self._tilt = Tilted()  # at the last good image
         self._last: Strip | None = None  # the last image that gave an increment, or the keyframe
         self._last_variance = 0.0  # of the yaw there
         self._last_increment: YawIncrement | None = None  # to it; None for the keyframe
         self._newest: Strip | None = None  # the last image whatever came of it
-        self._earlier_ns: list[int] = []  # stamps before the newest, in a rising row
+        self._order = StampOrder()
         self._still_since_ns = 0  # when the last image was first taken, if the camera repeats it
         self._unmatched_since_ns: int | None = None
         self._sought_ns = 0  # when the last view was last sought by its corners
@@ -138,7 +136,7 @@ class VisualCompass:
 
     @property
     def lost_turns(self) -> list[LostTurn]:
-        """When the camera may have turned without an image that tells by how much; `yaw` misses that."""
+        """When the camera may have turned without an image that shows by how much; `yaw` misses that."""
         return self._lost_turns.all
 
     def _update(self, t_ns: int, image: Image, encoding: str) -> YawIncrement | None:
@@ -152,10 +150,10 @@ class VisualCompass:
         if self.status is not CompassStatus.OK or self._last is None or self._keyframe is None:
             return None
         if self._still_since_ns != strip.t_ns:
-            return self._repeat(self._keyframe, strip)
+            return self._repeat(self._keyframe.strip, strip)
         match = self._compare(self._keyframe, strip)
-        if self._keyframe is not self._last and self._lost(match):
-            self._move_keyframe()
+        if self._keyframe.strip is not self._last and self._lost(match):
+            self._keyframe = self._last_view(self._last)
             match = self._compare(self._keyframe, strip)
         self.status = self._judge_match(match)
         if self.status is not CompassStatus.OK:
@@ -164,7 +162,7 @@ class VisualCompass:
                 self._give_up_keyframe(strip)
                 return None
             self.status, match = CompassStatus.FOUND_AGAIN, found
-        return self._accept(strip, match)
+        return self._accept(self._keyframe, strip, match)
 
     def long_baseline(self) -> YawIncrement | None:
         """Turn from a view some seconds ago to the last image, by their corners; to be asked after each `update`.
@@ -179,27 +177,26 @@ class VisualCompass:
             None where it is not due (`long_baseline_interval`), the last image gave no increment, or too little of the
             view is left.
         """
-        look = self.due_long_baseline()
-        return look() if look else None
+        comparison = self.due_long_baseline()
+        return comparison() if comparison else None
 
     def due_long_baseline(self) -> Comparison | None:
         """What `long_baseline` would do now, if it is due; it may be called in another thread while images go on."""
         good = self.status in (CompassStatus.OK, CompassStatus.FOUND_AGAIN)
         if self._last is None or not (good and self._long_baseline):
             return None
-        return self._baselines.due(View(self._last, self.yaw, self._last_variance, self._tilt), self.config)
+        return self._baselines.due(self._last_view(self._last), self.config)
+
+    def _last_view(self, last: Strip) -> View:
+        """The last good image, its yaw and its tilt."""
+        return View(last, self.yaw, self._last_variance, self._tilt)
 
     def _backward(self, t_ns: int) -> bool:
-        """Whether the image is to be ignored; a row of rising stamps is the true time, and the later one was wrong."""
-        if self._newest is None or t_ns > self._newest.t_ns:
-            self._earlier_ns.clear()
-            return False
-        if self._earlier_ns and t_ns <= self._earlier_ns[-1]:
-            self._earlier_ns.clear()
-        self._earlier_ns.append(t_ns)
-        if len(self._earlier_ns) < BELIEVED_BACKWARD:
+        """Whether the image is to be ignored; where time went back for good, it is the first of its time."""
+        if self._order.is_backward(t_ns, self._newest.t_ns if self._newest else None):
             return True
-        self._newest = None
+        if self._order.went_back:
+            self._newest = None
         return False
 
     def _judge_strip(self, strip: Strip) -> CompassStatus:
@@ -226,40 +223,38 @@ class VisualCompass:
 
     def _start_from(self, strip: Strip) -> None:
         """Compare with this strip from now on; what turned meanwhile is not known."""
-        self._keyframe = self._last = strip if strip.texture >= MIN_TEXTURE else None
+        self._last = strip if strip.texture >= MIN_TEXTURE else None
         self._last_increment = None
-        if self._keyframe is not None:
-            waited_ns = self._earlier_ns[-1] - self._earlier_ns[0] if self._earlier_ns else 0
-            self._earlier_ns.clear()
+        if self._last is not None:
+            waited_ns = self._order.waited_ns()
             self._last_variance += self._lost_turns.lose(strip.t_ns, self.config.max_yaw_rate, waited_ns)
             self.yaw_variance = self._last_variance
-        self._keyframe_yaw, self._keyframe_variance = self.yaw, self._last_variance
-        self._keyframe_tilt = self._tilt = self._tilt_of(strip) or Tilted()
+        self._tilt = self._tilt_of(strip) or Tilted()
         self._unmatched_since_ns, self._sought_ns = None, strip.t_ns
-        view = View(strip, self.yaw, self._last_variance, self._tilt) if self._keyframe is not None else None
-        self._baselines.start_from(view, strip.t_ns)
+        self._keyframe = self._last_view(self._last) if self._last is not None else None
+        self._baselines.start_from(self._keyframe, strip.t_ns)
 
-    def _find_again(self, keyframe: Strip, strip: Strip) -> Match | None:
+    def _find_again(self, keyframe: View, strip: Strip) -> Match | None:
         """Seek the last good view, by now the keyframe, by its corners; not at once, and not at every image."""
-        early = strip.t_ns - max(keyframe.t_ns, self._sought_ns) < SEEK_NS
+        early = strip.t_ns - max(keyframe.strip.t_ns, self._sought_ns) < SEEK_NS
         if early or not (self.config.find_again and self._long_baseline):
             return None
         self._sought_ns = strip.t_ns
-        match = match_landmarks(keyframe, strip, self._search(keyframe, strip))
+        match = match_landmarks(keyframe.strip, strip, self._search(keyframe, strip))
         return match if match.status is CompassStatus.OK else None
 
-    def _compare(self, keyframe: Strip, strip: Strip) -> Match:
-        match = self._method(keyframe, strip, self._search(keyframe, strip))
+    def _compare(self, keyframe: View, strip: Strip) -> Match:
+        match = self._method(keyframe.strip, strip, self._search(keyframe, strip))
         if not isinstance(match, Match):
             raise VisualCompassError(f"method {self.config.method} gave {type(match).__name__}, not a compass.Match")
         return match
 
-    def _search(self, keyframe: Strip, strip: Strip) -> Search:
-        columns = keyframe.columns
-        last = self._last or keyframe
+    def _search(self, keyframe: View, strip: Strip) -> Search:
+        columns = keyframe.strip.columns
+        last = self._last or keyframe.strip
         reach = self.config.max_yaw_rate * (strip.t_ns - last.t_ns) * 1e-9
         return Search(
-            (self.yaw - self._keyframe_yaw) * columns / math.tau,
+            (self.yaw - keyframe.yaw) * columns / math.tau,
             reach * columns / math.tau,
             self.config.forward_column * columns,
         )
@@ -269,14 +264,8 @@ class VisualCompass:
         too_far = 2.0 * self._keyframe_spread
         return match.spread_px > too_far or self._judge_match(match) is not CompassStatus.OK
 
-    def _move_keyframe(self) -> None:
-        """Let the last good image be the keyframe: its increment from the old one has been given."""
-        self._keyframe = self._last
-        self._keyframe_yaw, self._keyframe_variance = self.yaw, self._last_variance
-        self._keyframe_tilt = self._tilt
-
     def _tilt_of(self, strip: Strip) -> Tilted | None:
-        """How the camera leant, where that is known."""
+        """Tilt of the camera, where an IMU measures it."""
         return None if strip.up is None else Tilted.upright(beyond_error(strip.up, self.config.tilt_sigma))
 
     def _judge_match(self, match: Match) -> CompassStatus:
@@ -291,26 +280,26 @@ class VisualCompass:
         elif strip.t_ns - self._unmatched_since_ns > GIVE_UP_NS:
             self._start_from(strip)
 
-    def _accept(self, strip: Strip, match: Match) -> YawIncrement:
-        keyframe = self._keyframe or strip
-        per_px = math.tau / keyframe.columns
+    def _accept(self, keyframe: View, strip: Strip, match: Match) -> YawIncrement:
+        """The increment of a good match; where too much has moved apart, the strip is the next keyframe."""
+        reference_ns, per_px = keyframe.strip.t_ns, math.tau / keyframe.strip.columns
         turn = match.shift_px * per_px
-        tilted, yaw = self._keyframe_tilt.after(turn, match.tilt)
-        variance = match.variance_px2 * per_px**2 + self._keyframe_tilt.variance(turn, self.config.tilt_sigma)
-        self.yaw += wrap_angle(self._keyframe_yaw + yaw - self.yaw)
-        self.yaw_variance = self._last_variance = self._keyframe_variance + variance
+        tilted, yaw = keyframe.tilts.after(turn, match.tilt)
+        variance = match.variance_px2 * per_px**2 + keyframe.tilts.variance(turn, self.config.tilt_sigma)
+        self.yaw += wrap_angle(keyframe.yaw + yaw - self.yaw)
+        self.yaw_variance = self._last_variance = keyframe.variance + variance
         self._last = strip
         self._lost_turns.known(strip.t_ns)
-        self._tilt = self._tilt_of(strip) or tilted.later((strip.t_ns - keyframe.t_ns) * 1e-9)
+        self._tilt = self._tilt_of(strip) or tilted.later((strip.t_ns - reference_ns) * 1e-9)
         self._unmatched_since_ns = None
         if match.spread_px > self._keyframe_spread:
-            self._move_keyframe()
+            self._keyframe = self._last_view(strip)
         confidence = min(max(match.confidence, 0.0), 1.0)
-        self._last_increment = YawIncrement(keyframe.t_ns, strip.t_ns, yaw, variance, confidence, turn, match.tilt)
+        self._last_increment = YawIncrement(reference_ns, strip.t_ns, yaw, variance, confidence, turn, match.tilt)
         return self._last_increment
 
     def _repeat(self, keyframe: Strip, strip: Strip) -> YawIncrement | None:
-        """What an exact copy of the image before tells: the turn until that was taken, nothing of the time since.
+        """The increment of an exact copy of the image before: the turn until that was taken, nothing of the time since.
 
         A driver that sends each frame twice and a camera that hangs look alike at first. Neither measured that there
         was no turn; it lies within what `max_yaw_rate` allows, and the copy's variance says so. The image itself, at
@@ -320,8 +309,8 @@ class VisualCompass:
             self.status = CompassStatus.FROZEN  # what it repeats gave no increment
             return None
         unseen = (self.config.max_yaw_rate * (strip.t_ns - self._last.t_ns) * 1e-9) ** 2 / 3.0
-        told = self._last_increment
-        if told is None or keyframe is self._last:
-            told = YawIncrement(keyframe.t_ns, strip.t_ns, 0.0, 0.0, 1.0, 0.0)
+        copied = self._last_increment
+        if copied is None or keyframe is self._last:
+            copied = YawIncrement(keyframe.t_ns, strip.t_ns, 0.0, 0.0, 1.0, 0.0)
         self.yaw_variance = self._last_variance + unseen
-        return replace(told, t_ns=strip.t_ns, variance=told.variance + unseen)
+        return replace(copied, t_ns=strip.t_ns, variance=copied.variance + unseen)

@@ -20,7 +20,7 @@ from fusion.buffer.events import (
     TracksEvent,
 )
 from fusion.checks.diagnosis import adds_up
-from fusion.checks.windows import SILENT_NS
+from fusion.checks.silence import RATE_SILENT_NS
 from fusion.config import FusionConfig
 from fusion.state.bias_prior import BiasPrior
 from fusion.state.ekf import YAWS, Correction, State, Transition, YawEkf
@@ -73,12 +73,15 @@ class YawFilter:
     ) -> FilterState:
         """State after `event`, which must not be older than `before`; `tape` takes down how it came about."""
         state = before.fork(tape)
+        if isinstance(event, ReferenceEvent) and before.t_ns == event.t_ns:  # all is known of that time already
+            self._compass.refer(state, event)
+            return state
         if isinstance(event, TracksEvent):
             state.odometry_fields, sample = before.odometry_fields.after(event.sample, before.trail.up_at(event.t_ns))
             event = replace(event, sample=sample)
         if before.t_ns is None:
             state.stillness = Stillness(event.t_ns, reference_ns=event.t_ns)
-        elif event.t_ns - before.t_ns > (WATCHED_NS if isinstance(event, ReferenceEvent) else SILENT_NS):
+        elif event.t_ns - before.t_ns > (WATCHED_NS if isinstance(event, ReferenceEvent) else RATE_SILENT_NS):
             state.stillness = state.stillness.moved(event.t_ns)  # nobody would have seen it start
         started = self._standstill.watch(state, event)
         self._predict(state, event.t_ns, still=state.stillness.standing)
@@ -159,7 +162,7 @@ class YawFilter:
         if state.t_ns is None or t_ns <= state.t_ns:
             return state
         moved = state.fork()
-        if t_ns - state.t_ns > SILENT_NS:
+        if t_ns - state.t_ns > RATE_SILENT_NS:
             moved.stillness = state.stillness.moved(t_ns)
         self._predict(moved, t_ns, still=False)
         return moved

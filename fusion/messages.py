@@ -13,7 +13,7 @@ from fusion.imu.levelling import ImuLevel
 from fusion.samples import GyroSample, OdometrySample
 
 NO_GYRO = "Imu without angular velocity (covariance -1, NaN, or exact zeros in turn with the accelerations)"
-NOTHING: Vector = (math.nan, math.nan, math.nan)  # a vector that was not measured
+NO_VECTOR: Vector = (math.nan, math.nan, math.nan)  # a vector that was not measured
 
 
 class MessageError(VisualCompassError, ValueError):
@@ -78,7 +78,7 @@ def gyro_sample(message: Any, level: ImuLevel) -> GyroSample:
         Zero stamp, or no gyro in the message.
     """
     reading = imu_reading(message)
-    rate = reading.angular_velocity or NOTHING
+    rate = reading.angular_velocity or NO_VECTOR
     sample = level.sample(reading.t_ns, rate, reading.linear_acceleration, reading.orientation)
     if sample is None:
         raise MessageError(NO_GYRO)

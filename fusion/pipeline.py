@@ -24,7 +24,7 @@ class YawPipeline:
     Attributes
     ----------
     tilts : TiltLog
-        What the gyro's samples said of the robot's lean; the compass asks it.
+        Tilt of the robot by the gyro's samples; the compass reads it.
     long_baseline : YawIncrement or None
         What the last image gave from a view some seconds ago.
     warning_sources : list of callable

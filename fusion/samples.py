@@ -19,7 +19,7 @@ class GyroSample:
     variance : float or None
         Variance of the white noise of `yaw_rate`, (rad/s)^2; None takes it from the config.
     up : tuple of float or None
-        How the robot leans: the vertical in its own frame (x forward, y left, z up), a unit vector; None where unknown.
+        Tilt of the robot: the vertical in its own frame (x forward, y left, z up), a unit vector; None where unknown.
     cross_rate : float or None
         rad/s about the robot's y axis; at rest it is the gyro's bias. None where unknown.
     """

@@ -14,6 +14,7 @@ from operator import attrgetter
 
 import numpy as np
 
+from compass import YawIncrement
 from fusion.buffer.events import (
     CompassEvent,
     FusionEvent,
@@ -24,7 +25,7 @@ from fusion.buffer.events import (
     reference_of,
     sensor_of,
 )
-from fusion.checks.unconfirmed import LONGEST_NS
+from fusion.checks.silence import SILENT_NS
 from fusion.config import FusionConfig
 from fusion.filter import YawFilter
 from fusion.samples import YawEstimate
@@ -62,15 +63,15 @@ class Adjoint:
             return Adjoint(step.F.T @ self.l, step.F.T @ self.L @ step.F, self.confirmed)
         H = step.H[0]
         A = np.eye(DIM) - np.outer(step.K[:, 0], step.H_after[0])
-        told = H / step.S
-        l = A.T @ self.l - told * step.innovation  # noqa: E741
-        return Adjoint(l, A.T @ self.L @ A + np.outer(H, told), self.confirmed)
+        weighted = H / step.S
+        l = A.T @ self.l - weighted * step.innovation  # noqa: E741
+        return Adjoint(l, A.T @ self.L @ A + np.outer(H, weighted), self.confirmed)
 
     def between(self, before: FilterState, after: FilterState) -> Adjoint:
         """The adjoint with what an event says of who agrees, by the states before and after it."""
         confirmed = self.confirmed
         if after.unconfirmed is not None and after.unconfirmed.since.t_ns == after.t_ns:
-            confirmed = not after.isolation.doubts
+            confirmed = not after.isolation.alternatives
         if not before.isolation.contradicting >= after.isolation.contradicting:
             confirmed = False
         return replace(self, confirmed=confirmed)
@@ -78,7 +79,7 @@ class Adjoint:
     def smoothed(self, state: FilterState) -> FilterState:
         """A state of the filter with what comes after it taken in."""
         P, since = state.P, state.unconfirmed
-        if since is not None and self.confirmed and (state.t_ns or 0) - since.since.t_ns <= LONGEST_NS:
+        if since is not None and self.confirmed and (state.t_ns or 0) - since.since.t_ns <= SILENT_NS:
             since = None
         smoothed = P - P @ self.L @ P
         np.fill_diagonal(smoothed, np.maximum(np.diagonal(smoothed), LINEAR * np.diagonal(P)))
@@ -93,14 +94,15 @@ def ordered_events(samples: Iterable[Sample], config: FusionConfig) -> list[Fusi
             continue
         event = event_of(sample)
         events[event.order] = event
-    last_long, first_order = None, min(events, default=())
+    before: dict[bool, YawIncrement] = {}
+    first_order = min(events, default=())
     for event in sorted((e for e in events.values() if isinstance(e, CompassEvent)), key=attrgetter("order")):
         increment = event.sample
         first = event.order == first_order
-        if first or needs_reference(increment, last_long, config.reference_window * 1e9):
+        if first or needs_reference(increment, before.get(increment.long_baseline), config.reference_window * 1e9):
             reference = reference_of(increment)
             events[reference.order] = reference
-        last_long = increment if increment.long_baseline else last_long
+        before[increment.long_baseline] = increment
     return [events[order] for order in sorted(events)]
 
 

@@ -10,6 +10,7 @@ from dataclasses import replace
 
 from compass import YawIncrement
 from fusion.buffer.events import (
+    FOREVER_NS,
     CompassEvent,
     FusionEvent,
     Sample,
@@ -25,7 +26,7 @@ from fusion.buffer.replay import Arrival, Timeline
 from fusion.checks.faulty import FaultWatch
 from fusion.checks.gaps import GapWatch
 from fusion.checks.gate import SensorReport
-from fusion.checks.silence import SilenceWatch
+from fusion.checks.silence import PERIODS, SilenceWatch
 from fusion.checks.stamps import ABANDONED_NS, BACKLOG_NS, LONE_NS, ClockWatch, Elsewhen, StampSequence, confirmed
 from fusion.checks.warnings import Warning, most_serious_first
 from fusion.config import FusionConfig
@@ -35,8 +36,7 @@ from fusion.state.filter_state import FilterState, estimate_of
 
 log = logging.getLogger(__name__)
 SHORTEST_REACH_NS = 1_000_000_000  # a stamp off by less does no harm that lasts
-PACE = 3  # times the last gap between two samples of a sensor, within which the next one is expected
-NEVER_NS = 2**63
+SHORT_LIFE = 3  # times as far away as samples that confirm each other span: what was before is taken for a wrong stamp
 UNKNOWN_TURN = math.pi**2 / 3.0  # rad^2, variance of a heading of which nothing is known
 
 
@@ -63,10 +63,10 @@ class YawFusion:
         self._lag_ns, self._reference_ns = lag_ns, reference_ns
         self._reach_ns = max(lag_ns, SHORTEST_REACH_NS)
         self._timeline: Timeline[FusionEvent, FilterState] = Timeline(start, self._filter.step, lag_ns + reference_ns)
-        self._last_long: YawIncrement | None = None
+        self._last_increments: dict[bool, YawIncrement] = {}  # from the keyframe, and over a long baseline
         self._ahead, self._behind = Elsewhen(True, max(lag_ns, LONE_NS)), Elsewhen(False, BACKLOG_NS)
         self._heard: dict[Sensor, int] = {}  # newest stamp of each sensor
-        self._first_ns = NEVER_NS  # of all stamps
+        self._first_ns = FOREVER_NS  # of all stamps
         self._gaps: dict[Sensor, int] = {}  # between its last two
         self._sequences = {sensor: StampSequence(sensor) for sensor in (Sensor.GYRO, Sensor.TRACKS)}
         self._clocks, self._silence, self._pauses = ClockWatch(), SilenceWatch(), GapWatch()
@@ -100,7 +100,7 @@ class YawFusion:
     def _reach_of(self, sensor: Sensor) -> int:
         """How far ahead of all others a sample is believed, ns; the only sensor there is keeps to its own pace."""
         alone = all(other is sensor for other in self._heard)
-        return max(self._reach_ns, PACE * self._gaps.get(sensor, 0)) if alone else self._reach_ns
+        return max(self._reach_ns, PERIODS * self._gaps.get(sensor, 0)) if alone else self._reach_ns
 
     def flush(self) -> None:
         """Take in what still waits to be confirmed and was never contradicted: no more samples will come."""
@@ -114,16 +114,16 @@ class YawFusion:
         self._refuse(sample, f"{sensor.value}: older than lag_window")
         if newest_ns - sample.t_ns <= self._reach_ns:
             return False  # over so short a way the others catch up by themselves
-        self._clocks.astray(sensor, sample.t_ns, newest_ns)
+        self._clocks.mismatch(sensor, sample.t_ns, newest_ns)
         self._behind.add(sample, newest_ns)
         if not self._behind.believed(self._heard, newest_ns, self._reach_ns):
             return False
         log.warning("time jumped back to %d ns: fusion starts anew", sample.t_ns)
         self.counts["reset: time jumped back"] += 1
         group = self._behind.leave(ABANDONED_NS)
-        astray = self._began_astray(group, newest_ns)
-        self._restart(self._filter.start if astray else self._filter.lost(self._timeline.state, UNKNOWN_TURN))
-        if not astray:
+        wrong = self._began_elsewhen(group, newest_ns)
+        self._restart(self._filter.start if wrong else self._filter.lost(self._timeline.state, UNKNOWN_TURN))
+        if not wrong:
             self._pauses.jumped(newest_ns, group[0].t_ns)
         for one in group:
             self._take(one)
@@ -133,25 +133,25 @@ class YawFusion:
         """Let a sample wait that is far ahead; False as long as no other confirms it."""
         sensor = sensor_of(sample)
         self._refuse(sample, f"{sensor.value}: far ahead of all others")
-        self._clocks.astray(sensor, sample.t_ns, newest_ns)
+        self._clocks.mismatch(sensor, sample.t_ns, newest_ns)
         self._ahead.add(sample, newest_ns)
         if not self._ahead.believed(self._heard, newest_ns, self._reach_ns):
             return False
         group = self._ahead.leave(ABANDONED_NS)
-        if self._began_astray(group, newest_ns):
+        if self._began_elsewhen(group, newest_ns):
             self.reset()
         self._clocks = ClockWatch()
         for one in group:
             self._take(one)
         return True
 
-    def _began_astray(self, group: list[Sample], newest_ns: int) -> bool:
+    def _began_elsewhen(self, group: list[Sample], newest_ns: int) -> bool:
         """Whether all before these samples of another time was a wrong stamp at the very start, or a foreign clock.
 
         It never was confirmed; or it was one sensor's alone, for no longer than the others were at that other time.
         """
         span_ns = group[-1].t_ns - group[0].t_ns
-        if self._beginning is not None and abs(group[0].t_ns - newest_ns) > PACE * span_ns:
+        if self._beginning is not None and abs(group[0].t_ns - newest_ns) > SHORT_LIFE * span_ns:
             return True
         others = {sensor_of(sample) for sample in group} - self._heard.keys()
         lived_ns = newest_ns - min(self._first_ns, newest_ns)
@@ -183,10 +183,17 @@ class YawFusion:
     def _remember_reference(self, increment: YawIncrement) -> None:
         """See to it that the filter has the yaw at an increment's reference, as far as it may go back for that."""
         first = self._timeline.newest_ns is None  # then there is no yaw but the initial one, which it had then
-        if first or needs_reference(increment, self._last_long, self._reference_ns):
+        before = self._last_increments.get(increment.long_baseline)
+        if before is not None and increment.t_ns < before.t_ns:
+            # it comes between others: those after it may have counted on the one before it
+            for later in self._timeline.after(increment.t_ns):
+                if isinstance(later, CompassEvent) and later.sample.t_ref_ns < increment.t_ns:
+                    self._timeline.add(reference_of(later.sample))
+            before = None
+        elif before is None or increment.t_ns > before.t_ns:
+            self._last_increments[increment.long_baseline] = increment
+        if first or needs_reference(increment, before, self._reference_ns):
             self._timeline.add(reference_of(increment))
-        if increment.long_baseline:
-            self._last_long = increment
 
     def set_yaw(self, heading: float, variance: float) -> None:
         """Say what the yaw is now, modulo a turn (rad, variance rad^2): the turn count and all references stay.

@@ -35,7 +35,7 @@ def state_figures(sensor: Sensor, state: FilterState) -> dict[str, str]:
         spoken = [name for name, spoke in (("pose", voice.pose), ("twist", voice.twist)) if spoke]
         return {"filled in": " and ".join(spoken) or "nothing but zeros so far"}
     up = state.trail.ups[-1] if state.trail.ups else None
-    return {"robot leans by [deg]": f"{math.degrees(tilt_angle(up)):.1f}" if up else "not known"}
+    return {"tilt of the robot [deg]": f"{math.degrees(tilt_angle(up)):.1f}" if up else "not known"}
 
 
 def count_figures(counts: Counter[str], prefix: str) -> dict[str, str]:

@@ -10,7 +10,7 @@ from robot_drive import RobotDrive, robot_drive
 from compass import YawIncrement
 from fusion import GyroSample, OdometrySample, YawFusion
 from fusion.buffer.events import Sensor
-from fusion.checks.time_offset import LONGEST, TimeOffset, Turned, time_offset, with_window
+from fusion.checks.time_offset import HISTORY, TimeOffset, Turned, time_offset, with_window
 
 S = 10**9
 BEGIN_NS = 10**12
@@ -62,12 +62,12 @@ def test_sensor_that_keeps_ahead_live_is_named_and_not_used(sensor):
 
 def turned(rates, lags=(0.0, 0.0, 0.0)) -> tuple[Turned, ...]:
     """Windows of a robot with this turn rate, rad/s of a time, s; each sensor late by so much."""
-    t = np.arange(LONGEST + 1) * WINDOW_S
+    t = np.arange(HISTORY + 1) * WINDOW_S
     fine = np.arange(-10.0, t[-1] + 10.0, 0.01)
     yaw = np.cumsum([rates(x) for x in fine]) * 0.01
     turns = [np.diff(np.interp(t - lag, fine, yaw)) for lag in lags]
     history: tuple[Turned, ...] = ()
-    for k in range(LONGEST):
+    for k in range(HISTORY):
         stamps = round(t[k] * S), round(t[k + 1] * S)
         history = with_window(history, Turned(*stamps, tuple(float(turn[k]) for turn in turns)))
     return history

@@ -83,7 +83,7 @@ def test_tilt_of_the_camera_is_told_from_its_turn(tilt_deg):
 
 
 @pytest.mark.parametrize(("turns", "step"), [((0.5, 0.8), 0.0), ((0.5, 2.5), 1.0)])
-def test_turn_that_could_as_well_be_another_one_is_doubted(turns, step):
+def test_turn_that_could_as_well_be_another_one_is_ambiguous(turns, step):
     for seed in range(4):
         halves = (directions(seed, turn, step, mistaken=0.0, count=100) for turn in turns)
         motion = find_motion(*map(np.concatenate, zip(*halves, strict=True)))

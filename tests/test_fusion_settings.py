@@ -13,7 +13,7 @@ from fusion import FusionConfig, GyroSample, OdometrySample, YawFusion
 from fusion.buffer.events import event_of, reference_of
 from fusion.filter import YawFilter
 from fusion.smoother import smooth
-from fusion.state.bounds import LOST
+from fusion.state.bounds import LOST_YAW
 from fusion.state.ekf import State, YawEkf
 from fusion.state.filter_state import estimate_of
 from fusion.state.process_models import integrate_gauss_markov
@@ -130,10 +130,10 @@ def test_noise_of_an_integrated_gauss_markov_state_is_that_of_many_short_steps(d
 
 @pytest.mark.parametrize("seconds", [1e4, 1e6, 1e9])
 def test_after_a_long_silence_the_yaw_is_unknown_and_soon_followed_again(seconds):
-    """The rate is at its prior, the yaw's sigma at `LOST`; and what the sensors say afterwards is taken in."""
+    """The rate is at its prior, the yaw's sigma at `LOST_YAW`; and what the sensors say afterwards is taken in."""
     ekf = YawEkf(FusionConfig())
     ekf.predict_for(seconds)
-    assert math.sqrt(ekf.P[State.YAW, State.YAW]) == pytest.approx(LOST, rel=0.01)
+    assert math.sqrt(ekf.P[State.YAW, State.YAW]) == pytest.approx(LOST_YAW, rel=0.01)
     assert ekf.P[State.RATE, State.RATE] == pytest.approx(ekf.config.initial_rate_sigma**2, rel=0.03)
     fusion = YawFusion()
     for k in range(200):

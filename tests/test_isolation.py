@@ -5,8 +5,11 @@ import math
 import pytest
 
 from fusion.buffer.events import Sensor
-from fusion.checks.isolation import Isolation, Third, contradict
-from fusion.checks.isolation_rules import judge, surely_gyro
+from fusion.checks.alternative import Third
+from fusion.checks.contradiction import contradict
+from fusion.checks.gyro_faults import surely_gyro
+from fusion.checks.isolation import Isolation
+from fusion.checks.isolation_rules import judge
 from fusion.checks.windows import Claim, Window
 
 S = 500_000_000  # ns, a window

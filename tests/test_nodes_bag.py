@@ -252,7 +252,7 @@ def play_live(robot, path, last_ns, log):
         wait_for(lambda: fused and stamp_of(fused[-1]) == last_ns, "the last fused yaw")
         told = len(diagnostics)
         wait_for(lambda: len(diagnostics) > told + 1, "diagnostics after the end")
-    assert 2.0 < float(figures(diagnostics, "gyro")["robot leans by [deg]"]) < 10.0
+    assert 2.0 < float(figures(diagnostics, "gyro")["tilt of the robot [deg]"]) < 10.0
     used = {source: int(figures(diagnostics, source)["used"]) for source in ("images", "gyro", "tracks")}
     return fused[-1], used
 

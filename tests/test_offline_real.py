@@ -39,7 +39,7 @@ def test_husky_without_camera_is_fused_within_its_sensors(tmp_path):
     assert summary["gyro_vertical"] == "orientation"  # +Y stands up: found, not assumed
     assert summary["vertical_words"].startswith("the orientation field")
     assert "from the IMU's +y axis" in summary["vertical_words"]
-    assert 3.0 < summary["greatest_lean_deg"] < 20.0
+    assert 3.0 < summary["greatest_tilt_deg"] < 20.0
     assert summary["yaw"]["gyro alone"]["turned_deg"] == pytest.approx(-206, abs=0.5)
     assert summary["yaw"]["tracks alone"]["turned_deg"] == pytest.approx(-198, abs=0.5)
     debiased = -206.1 - math.degrees(STANDSTILL_BIAS) * summary["duration_s"]

@@ -6,7 +6,7 @@ import pytest
 
 from compass import YawIncrement
 from fusion import GyroSample, OdometrySample, Sensor, SensorReport, Verdict, Warning, YawPipeline
-from fusion.checks.refusal_share import SHORTEST_NS, WINDOW_NS, RefusalWatch
+from fusion.checks.refusal_share import SHORTEST_TALLY_NS, TALLY_NS, RefusalWatch
 
 SECOND = 1_000_000_000
 
@@ -29,7 +29,7 @@ def watched(refused_at, seconds, hertz=10.0, others=()):
 def test_refused_sensor_is_named_after_the_shortest_time_and_since_when_it_was():
     said = watched(lambda t: t >= 2.0, 14.0)
     first = min(t for t, warnings in said.items() if warnings)
-    assert SHORTEST_NS / SECOND <= first < 5.0  # more refused than not since the start
+    assert SHORTEST_TALLY_NS / SECOND <= first < 5.0  # more refused than not since the start
     assert {(w.code, w.sensor, w.since_ns) for warnings in said.values() for w in warnings} == {
         ("sensor_refused", "gyro", 2 * SECOND)
     }
@@ -61,7 +61,7 @@ def test_refused_sensor_that_goes_silent_is_forgotten():
         watch.warnings({Sensor.TRACKS: report(k * SECOND // 10, 0, k)}, [])
     now = {Sensor.TRACKS: last, Sensor.GYRO: report(9 * SECOND, 900, 0)}
     assert watch.warnings(now, [])
-    later = {Sensor.TRACKS: last, Sensor.GYRO: report(8 * SECOND + WINDOW_NS, 2000, 0)}
+    later = {Sensor.TRACKS: last, Sensor.GYRO: report(8 * SECOND + TALLY_NS, 2000, 0)}
     assert not watch.warnings(later, [])
 
 

@@ -48,7 +48,7 @@ def test_on_level_ground_turn_and_heading_are_one():
 
 
 def test_robot_on_its_side_does_not_blow_up_the_bias():
-    assert BiasGain.leaning((0.0, 0.999, 0.04)) == BiasGain()
+    assert BiasGain.tilted((0.0, 0.999, 0.04)) == BiasGain()
     fusion = YawFusion()
     for k in range(2000):
         roll = 1.7 * math.sin(0.002 * k)
@@ -62,7 +62,7 @@ def test_robot_on_its_side_does_not_blow_up_the_bias():
 def test_robot_that_stands_on_its_nose_has_no_heading():
     assert heading_change((0.99, 0.0, 0.14), 0.5) == 0.5
     assert heading_gain((0.99, 0.0, 0.14)) == 1.0
-    assert BiasGain.leaning((0.99, 0.0, 0.14)) == BiasGain()
+    assert BiasGain.tilted((0.99, 0.0, 0.14)) == BiasGain()
 
 
 @pytest.mark.parametrize("lean_deg", [5.0, 20.0])
@@ -99,7 +99,7 @@ def test_gains_are_those_of_rates_that_imu_level_gives(pitch_deg, roll_deg):
     def rate(w):
         return level.sample(0, w, None, attitude.as_quat()).yaw_rate
 
-    gain = BiasGain.leaning(up)
+    gain = BiasGain.tilted(up)
     assert heading_gain(up) == pytest.approx(rate((0.0, 0.0, 1.0)))
     assert (gain.own, gain.cross) == pytest.approx((rate((0.0, 0.0, 1.0)), rate((0.0, 1.0, 0.0))))
     assert rate((1.0, 0.0, 0.0)) == pytest.approx(0.0, abs=1e-12)
@@ -175,7 +175,7 @@ def test_bias_follows_the_lean():
     drive = on_slope(0, 20.0)
     fusion, _ = fuse(drive)
     up = next(sample.up for sample in reversed(drive.samples) if isinstance(sample, GyroSample))
-    gain, estimate = BiasGain.leaning(up), fusion.estimate()
+    gain, estimate = BiasGain.tilted(up), fusion.estimate()
     true = gain.own * BIAS[2] + gain.cross * BIAS[1]
     assert abs(estimate.gyro_bias - true) < 4.0 * math.sqrt(estimate.gyro_bias_variance) < 0.004
 
@@ -227,9 +227,9 @@ def test_compass_that_is_told_how_it_leans_says_headings():
 
 def test_user_is_told_that_the_robot_leant_or_that_a_gap_was_crossed():
     knows = {"camera_delay_s": None, "camera_delay_sigma_s": None, "images": {}}
-    assert remarks(knows | {"greatest_lean_deg": None}) == remarks(knows | {"greatest_lean_deg": 5.0}) == []
-    assert "leant by up to 20 deg" in remarks(knows | {"greatest_lean_deg": 20.4})[0]
-    found = remarks(knows | {"greatest_lean_deg": None, "images": {"OK": 9, "FOUND_AGAIN": 2}})
+    assert remarks(knows | {"greatest_tilt_deg": None}) == remarks(knows | {"greatest_tilt_deg": 5.0}) == []
+    assert "tilted by up to 20 deg" in remarks(knows | {"greatest_tilt_deg": 20.4})[0]
+    found = remarks(knows | {"greatest_tilt_deg": None, "images": {"OK": 9, "FOUND_AGAIN": 2}})
     assert found == ["after 2 gaps in what the camera showed the compass found its last view again"]
 
 

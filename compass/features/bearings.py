@@ -17,7 +17,7 @@ import numpy.typing as npt
 from compass.features.points import Floats
 from compass.images.strip import Strip
 
-FLOOR_PX = 0.02  # deviation of a track that its patch does not know of, columns
+FLOOR_PX = 0.02  # deviation of a track that its patch does not know of, columns; not derived
 Complexes = npt.NDArray[np.complexfloating]
 Index = npt.NDArray[np.intp]
 

@@ -18,11 +18,14 @@ from compass.methods.match import Search
 from compass.tilt import Tilted
 
 Comparison = Callable[[], YawIncrement | None]
-OLDEST_NS = 4_000_000_000  # no further back
-# rad, deviation of an increment above which the view is given up for a newer one
-BLURRED = math.radians(0.012)
+# No further back: four seconds apart single pairs of views in a narrow passage are degrees off, at one second none is
+# (docs/lab-notes/gaps-2026-11-28.md).
+OLDEST_NS = 4_000_000_000
+# rad, deviation of an increment above which the view is given up for a newer one; not derived: about twice the error of
+# views two seconds apart in the open
+MAX_VIEW_SIGMA = math.radians(0.012)
 # rad, beyond which it contradicts the increments between; wrong minima of narrow passages are 0.9 to 1.6 deg off
-ASTRAY = math.radians(0.15)
+INCONSISTENT = math.radians(0.15)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -73,14 +76,14 @@ class LongBaselines:
         """Turn from one view to the other, if the latter still shows enough of the former."""
         per_px, forward_px = math.tau / now.strip.columns, config.forward_column * now.strip.columns
         expected = now.yaw - view.yaw
-        reach = math.hypot(ASTRAY, DISAGREE * math.sqrt(abs(now.variance - view.variance)))
+        reach = math.hypot(INCONSISTENT, DISAGREE * math.sqrt(abs(now.variance - view.variance)))
         match = follow_landmarks(view.strip, now.strip, Search(expected / per_px, reach / per_px, forward_px))
         turn, variance = match.shift_px * per_px, match.variance_px2 * per_px**2
         yaw = view.tilts.after(turn, match.tilt)[1]
         refused = match.status is not CompassStatus.OK or abs(wrap_angle(yaw - expected)) > reach
         old = now.strip.t_ns - view.strip.t_ns > OLDEST_NS - config.long_baseline_interval * 1e9
         with self._moving:
-            if self._view is view and (refused or old or variance > BLURRED**2):
+            if self._view is view and (refused or old or variance > MAX_VIEW_SIGMA**2):
                 self._view = now
         if refused:
             return None

@@ -1,9 +1,9 @@
 """The turn between two views that are seconds and metres apart, by corners that both show.
 
-ORB corners (Rublee et al. 2011, doi:10.1109/ICCV.2011.6126544) tell which is which; the motion that explains their
-ways is found as between neighbours, then once more from where their surroundings are to hundredths of a pixel. Where
-the turn is not known, a view is believed to show the same place only if the corners say so far better than chance
-would, and if those that look alike say nothing else: a corridor may look the same ahead and behind.
+ORB corners (Rublee et al. 2011, doi:10.1109/ICCV.2011.6126544) are matched; the motion that explains their ways is
+found as between neighbours, then once more from where their surroundings are to hundredths of a pixel. Where the turn
+is not known, a view is taken for the same place only if its inliers are far more than chance gives, and if those that
+look alike support no other motion: a corridor may look the same ahead and behind.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ import numpy.typing as npt
 
 from compass.angles import wrap_angle
 from compass.features.bearings import Projection, Tangents
-from compass.features.motion import DIRECTIONS, FIRST_PX, NEXT_PX, doubt, yaw_variance
+from compass.features.motion import DIRECTIONS, FIRST_PX, NEXT_PX, ambiguity, yaw_variance
 from compass.features.padded_strip import MARGIN, Picture
 from compass.features.patch_alignment import align
 from compass.features.points import sectors_of
-from compass.features.prior import DISAGREE, FEWEST, LOCK_PX, precision_of, tilt_error, told_tilt
-from compass.features.relative_pose import NEAR, Motion, evidence, find_motion, misses
+from compass.features.prior import DISAGREE, FEWEST, LOCK_PX, imu_tilt, precision_of, tilt_error
+from compass.features.relative_pose import INLIER, Motion, evidence, find_motion, misses
 from compass.features.solver import DIRECTION, ROTATION, YAW, Fit, Problem, Start, ascend, even_shares
-from compass.features.tracking import ALIKE
+from compass.features.tracking import MIN_LIKENESS
 from compass.flow.correlation import Floats
 from compass.images.strip import Strip
 from compass.increment import CompassStatus
@@ -33,19 +33,26 @@ from compass.methods.match import Match, Search
 
 Indices = npt.NDArray[np.intp]
 
-CORNERS, EDGE, LEVELS = 1000, 15, 5  # of ORB: half a patch from the edge suffices, larger corners err
-SMALLEST = 32  # rows and columns: the patch of an ORB descriptor is 31
+# Of ORB: half a patch from the edge suffices, larger corners err; 500 cost a third of the accuracy, 3 levels gain 7 %
+# and lose scale (docs/lab-notes/long-baseline-2026-11-28.md).
+CORNERS, EDGE, LEVELS = 1000, 15, 5
+MIN_SIDE = 32  # rows and columns: the patch of an ORB descriptor is 31
 RATIO = 0.8  # of the distance to the second nearest descriptor (Lowe 2004); nearer ones are no match
-ORB_PX = 1.0  # deviation of a corner as ORB has it, but for a factor that the corners tell
-WIDER = 8.0  # times as far as between neighbours do corners move in some seconds: parallaxes, outliers, first rounds
-ASTRAY_PX = 4.0  # from where it was; no corner is aligned over more
-EVIDENCE = 80.0  # nats by which the matches must surpass chance; unrelated pairs, 1,000 of them, reach 40
-RIVALS = 600  # pairs that look alike, but do not move as found, among which another answer is looked for
+ORB_PX = 1.0  # deviation of a corner as ORB has it, a pixel of its level, but for a factor that is estimated
+# Times as far as between neighbours do corners move in some seconds: parallaxes, outliers, first rounds. Seven tuned
+# drives, views 1 to 4 s apart, err by 0.0139 deg with 8, 0.0150 with 16, 0.0158 with 32; with 4 some by 2 deg, wrong
+# minima (docs/lab-notes/long-baseline-2026-11-28.md).
+WIDER = 8.0
+ALIGNMENT_REACH_PX = 4.0  # from where it was; no corner is aligned over more; not derived
+MIN_EVIDENCE = 80.0  # nats by which the matches must surpass chance; unrelated pairs, 1,000 of them, reach 40
+# Pairs that look alike, but do not move as found, among which another answer is looked for; not derived: it bounds the
+# time.
+RIVALS = 600
 RIVALRY = 100.0  # nats for that which are too many: up to 54 in six places, 127 on in a symmetric corridor; so is
 RELATIVE = 0.5  # so much of the first answer's
 # rad, a deviation beyond which it is no answer: without it 4 deg off at a claimed half in one of 15 pairs in fog
-VAGUE = math.radians(3.0)
-NOTHING = Match(0.0, math.inf, 0.0, CompassStatus.LOW_CONFIDENCE)
+MAX_TURN_SIGMA = math.radians(3.0)
+NO_MATCH = Match(0.0, math.inf, 0.0, CompassStatus.LOW_CONFIDENCE)
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,9 +88,9 @@ class Views:
         return Views(landmarks_of(reference), landmarks_of(current), Projection.of(reference, search.forward_px))
 
     def expected(self, turn: float) -> Floats:
-        """(5,) the motion that is expected with a turn, rad: tilted as an IMU tells."""
+        """(5,) the motion that is expected with a turn, rad: tilted as an IMU measures it."""
         before, after = self.before.picture.strip, self.after.picture.strip
-        return np.array([turn, *told_tilt(before, after, turn), 0.0, 0.0])
+        return np.array([turn, *imu_tilt(before, after, turn), 0.0, 0.0])
 
     def matched(self, pairs: Indices) -> Corners:
         """Corners, (n, 2) pairs of indices, where ORB has them."""
@@ -98,7 +105,7 @@ class Views:
             self.before.picture.soft, self.after.picture.soft, one + margin, other + margin
         )
         found -= margin
-        kept = (likeness > ALIKE) & (np.hypot(*(found - other).T) < ASTRAY_PX)
+        kept = (likeness > MIN_LIKENESS) & (np.hypot(*(found - other).T) < ALIGNMENT_REACH_PX)
         return self._corners(one[kept], found[kept], covariance[kept][:, [0, 0, 1], [0, 1, 1]])
 
     def _corners(self, one: Floats, other: Floats, covariance: Floats) -> Corners:
@@ -166,10 +173,10 @@ def follow_landmarks(reference: Strip, current: Strip, search: Search) -> Match:
     views = Views.of(reference, current, search)
     pairs = _matched(views.before, views.after)[0]
     if len(pairs) < FEWEST:
-        return NOTHING
+        return NO_MATCH
     per_px = views.projection.per_column
     mean, sigma = views.expected(search.expected_px * per_px), search.reach_px * per_px / DISAGREE
-    return _sharpened(views, pairs, views.matched(pairs).motions(mean, sigma), mean, sigma) or NOTHING
+    return _sharpened(views, pairs, views.matched(pairs).motions(mean, sigma), mean, sigma) or NO_MATCH
 
 
 def match_landmarks(reference: Strip, current: Strip, search: Search) -> Match:
@@ -180,22 +187,22 @@ def match_landmarks(reference: Strip, current: Strip, search: Search) -> Match:
     views = Views.of(reference, current, search)
     pairs, alike = _matched(views.before, views.after)
     if len(pairs) < FEWEST:
-        return NOTHING
+        return NO_MATCH
     corners = views.matched(pairs)
     seen, again = corners.tangents.ahead.T, corners.seen.T
     motion = find_motion(seen, again)
     nats = evidence(motion, seen, again)
-    if nats < EVIDENCE or motion.variance > VAGUE**2 or _rivalled(views.matched(alike), motion, nats):
-        return NOTHING
+    if nats < MIN_EVIDENCE or motion.variance > MAX_TURN_SIGMA**2 or _rivalled(views.matched(alike), motion, nats):
+        return NO_MATCH
     mean, sigma = views.expected(motion.turn), math.sqrt(motion.variance)
     match = _sharpened(views, pairs, corners.motions(mean, sigma), mean, sigma)
     if match is None:
-        return NOTHING
+        return NO_MATCH
     per_px = views.projection.per_column
-    variance = match.variance_px2 + motion.doubt / per_px**2
+    variance = match.variance_px2 + motion.ambiguity / per_px**2
     off = wrap_angle(match.shift_px * per_px - motion.turn)
     if off**2 > DISAGREE**2 * (motion.variance + variance * per_px**2):  # another motion explains them as well
-        return NOTHING
+        return NO_MATCH
     return replace(match, variance_px2=variance)
 
 
@@ -211,7 +218,7 @@ def _sharpened(views: Views, pairs: Indices, rough: Fit, mean: Floats, yaw_sigma
     start = trials.only(trials.best)
     for _ in range(2):  # linear about the last state; what was expected has chosen, and says no more
         start = fit = ascend(corners.problem(start.states[0], mean), start, NEXT_PX * px)
-    fit.doubt = doubt(trials.states[:, YAW], trials.log_posterior, fit)
+    fit.ambiguity = ambiguity(trials.states[:, YAW], trials.log_posterior, fit)
     yaw, tilt_x, tilt_y = fit.states[0, ROTATION].tolist()
     strip = views.before.picture.strip
     variance = yaw_variance(fit, sectors_of(corners.at, strip.columns), True)
@@ -222,7 +229,7 @@ def _sharpened(views: Views, pairs: Indices, rough: Fit, mean: Floats, yaw_sigma
 def _rivalled(alike: Corners, motion: Motion, nats: float) -> bool:
     """Whether corners that look alike but are outliers of the motion are inliers of another one."""
     seen, again = alike.tangents.ahead.T, alike.seen.T
-    left = np.flatnonzero(misses(motion.states, seen, again)[0] > NEAR**2)[:RIVALS]
+    left = np.flatnonzero(misses(motion.states, seen, again)[0] > INLIER**2)[:RIVALS]
     if left.size < FEWEST:
         return False
     rival = find_motion(seen[left], again[left], motion.turn)
@@ -231,10 +238,10 @@ def _rivalled(alike: Corners, motion: Motion, nats: float) -> bool:
 
 @lru_cache(maxsize=2)
 def landmarks_of(strip: Strip) -> Landmarks:
-    """Corners of the world in a strip that can be told apart."""
+    """Corners of the world in a strip, with descriptors."""
     picture = Picture(strip)
     nothing = Landmarks(picture, np.empty((0, 2)), np.empty((0, 32), np.uint8))
-    if min(strip.pixels.shape) < SMALLEST:
+    if min(strip.pixels.shape) < MIN_SIDE:
         return nothing
     orb = cv2.ORB.create(CORNERS, nlevels=LEVELS, edgeThreshold=EDGE)
     corners, descriptors = orb.detectAndCompute(picture.bytes, None)

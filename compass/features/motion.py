@@ -9,13 +9,13 @@ import numpy as np
 
 from compass.features.bearings import Index
 from compass.features.points import SECTORS, Floats
+from compass.features.prior import INDEPENDENT
 from compass.features.solver import CLIMB, DIRECTION, YAW, Fit, Problem, Start, ascend, even_shares
 
 DIRECTIONS = 6  # of travel that are tried where none is known: a basin of attraction is wider than 60 deg
 # Of the corners must be inliers for a motion to be taken without trying others, a turn without travel, too. With 0.8,
 # 0.9 and 0.95 increments of six tuned drives err by 0.0055, 0.0048 and 0.0048 deg RMS, in 2.3, 2.7 and 2.9 ms.
 AGREE = 0.9
-INDEPENDENT = 0.25  # share of the corners that err by themselves: neighbours err together
 # Deviations by which some direction of travel may explain a turn's residuals better than none. Of photographs that only
 # turned (apartment, city, forest; noise 2 to 8) none reached 7; the first image of a drive has 16 or more.
 PARALLAX = 8.0
@@ -27,7 +27,7 @@ NEXT_PX = FIRST_PX[2:]
 
 @dataclass(slots=True, eq=False)
 class Motion:
-    """What the images before told.
+    """What is known from the images before.
 
     Attributes
     ----------
@@ -49,7 +49,7 @@ class Motion:
         return Motion(Start(np.zeros((1, 5)), even_shares(), np.ones(1)))
 
     def follow(self, problem: Problem) -> Fit:
-        """The motion that explains the corners' ways in the next image; what it tells is kept for the one after."""
+        """The motion that explains the corners' ways in the next image; it is where the one after starts."""
         fit = self._continued(problem) if self.travels else None
         if fit is None or fit.inlier.mean() < AGREE:
             fit = self._anew(problem, fit)
@@ -80,13 +80,13 @@ class Motion:
         fit = ascend(problem, trials.only(trials.best), NEXT_PX * per_column)
         if continued is not None and continued.log_posterior[0] > fit.log_posterior[0]:
             fit = continued
-        fit.doubt = doubt(trials.states[:, YAW], trials.log_posterior, fit)
+        fit.ambiguity = ambiguity(trials.states[:, YAW], trials.log_posterior, fit)
         self.travels = bool(fit.log_posterior[0] > turned.log_posterior[0])
         return fit if self.travels else turned
 
 
-def doubt(yaw: Floats, log_posterior: Floats, fit: Fit) -> float:
-    """Variance of a yaw that, as the odds of what was tried are, could be another one, rad^2.
+def ambiguity(yaw: Floats, log_posterior: Floats, fit: Fit) -> float:
+    """Variance of a yaw that could be another one of those tried, at their posterior odds, rad^2.
 
     `yaw` (rad) and `log_posterior` are (k,) of what was tried.
     """
@@ -119,4 +119,4 @@ def yaw_variance(fit: Fit, sector: Index, travels: bool) -> float:
     scores: Floats = np.stack([np.bincount(sector, row, SECTORS) for row in fit.slopes[0, :used]])
     sandwich = covariance @ (scores @ scores.T) @ covariance
     clusters = np.unique(sector).size
-    return float(sandwich[0, 0]) * clusters / max(clusters - used, 1) + fit.doubt
+    return float(sandwich[0, 0]) * clusters / max(clusters - used, 1) + fit.ambiguity

@@ -19,6 +19,17 @@ CONTRAST, MIDDLE = 45.0, 115.0  # of every picture, so that few pixels of a scen
 SOFT = cv2.getGaussianKernel(3, 0.6, cv2.CV_32F)
 
 
+def patch_grid(half: int) -> tuple[Pixels, Pixels, Pixels]:
+    """Columns and rows of a patch's pixels from its middle, and their Gaussian weights, which sum to one; (n,) each.
+
+    `half` is how many pixels there are from the middle to the edge; the weights' deviation is 0.6 of that, not derived.
+    """
+    down, across = np.mgrid[-half : half + 1, -half : half + 1].reshape(2, -1).astype(np.float32)
+    weights: Pixels = np.exp(-(across**2 + down**2) / (2.0 * (0.6 * half) ** 2))
+    weights /= weights.sum()
+    return across, down, weights
+
+
 class Picture:
     """Grey values of a strip for tracking.
 

@@ -9,17 +9,18 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
+from compass.features.padded_strip import patch_grid
 from compass.flow.correlation import Floats
 from compass.images.strip import Pixels
 
-REACH = 7  # pixels from the middle of a patch to its edge
-_ACROSS, _DOWN = (one.ravel() for one in np.meshgrid(*[np.arange(-REACH, REACH + 1, dtype=np.float32)] * 2))
-_WINDOW = np.exp(-(_ACROSS**2 + _DOWN**2) / (2.0 * (0.6 * REACH) ** 2))
-_WINDOW /= _WINDOW.sum()
-ROUNDS = 8
-FURTHEST = 1.0  # pixels that a patch moves in one round
+# Pixels from the middle of a patch to its edge: with 5, long baselines err by a fifth more, with 8 and 9 better
+# here and worse there (docs/lab-notes/long-baseline-2026-11-28.md, compass-2026-11-27.md).
+PATCH_HALF = 7
+_ACROSS, _DOWN, _WINDOW = patch_grid(PATCH_HALF)
+ROUNDS = 8  # of Gauss-Newton; not derived, nor are its longest steps
+LONGEST_STEP_PX = 1.0  # pixels that a patch moves in one round
 STRONGEST = 0.2  # by which it is stretched in one
-FLAT = 1e-3  # grey values of 255; keeps what cannot be told at its start
+MIN_CONTRAST = 1e-3  # grey values of 255; keeps what is unobservable at its start
 
 
 def align(before: Pixels, after: Pixels, at: Floats, start: Floats) -> tuple[Floats, Floats, Floats]:
@@ -48,7 +49,7 @@ def align(before: Pixels, after: Pixels, at: Floats, start: Floats) -> tuple[Flo
     steepest = np.stack([right, down, right * _ACROSS, right * _DOWN, down * _ACROSS, down * _DOWN], axis=1)
     steepest -= (steepest @ _WINDOW)[..., None]
     weighed = steepest * _WINDOW
-    known = np.linalg.inv(weighed @ steepest.transpose(0, 2, 1) + FLAT * np.eye(6, dtype=np.float32))
+    known = np.linalg.inv(weighed @ steepest.transpose(0, 2, 1) + MIN_CONTRAST * np.eye(6, dtype=np.float32))
     answer = known @ weighed
     found = start.astype(np.float32)
     for _ in range(ROUNDS):
@@ -57,7 +58,7 @@ def align(before: Pixels, after: Pixels, at: Floats, start: Floats) -> tuple[Flo
         change = (answer @ (patch - wanted)[..., None])[..., 0]
         bend = np.clip(change[:, 2:], -STRONGEST, STRONGEST).reshape(-1, 2, 2)
         stretch = stretch @ np.linalg.inv(np.eye(2, dtype=np.float32) + bend)
-        found -= (stretch @ np.clip(change[:, :2, None], -FURTHEST, FURTHEST))[..., 0]
+        found -= (stretch @ np.clip(change[:, :2, None], -LONGEST_STEP_PX, LONGEST_STEP_PX))[..., 0]
     patch = _levelled(_patches(after, found, stretch))
     likeness = (patch * wanted) @ _WINDOW / (contrast * _contrast(patch))[:, 0]
     noise = contrast[:, 0] ** 2 * np.maximum(1.0 - likeness**2, 0.0)
@@ -85,4 +86,4 @@ def _levelled(patches: Pixels) -> Pixels:
 
 def _contrast(patches: Pixels) -> Pixels:
     """(n, 1) root mean squares."""
-    return np.asarray(np.sqrt((patches * patches) @ _WINDOW)[:, None] + FLAT, np.float32)
+    return np.asarray(np.sqrt((patches * patches) @ _WINDOW)[:, None] + MIN_CONTRAST, np.float32)

@@ -1,4 +1,4 @@
-"""Corners of a keyframe: where they are, what surrounds them, and how well a shift of that can be told.
+"""Corners of a keyframe: where they are, the patches around them, and how well these show a shift.
 
 Shi & Tomasi 1994, doi:10.1109/CVPR.1994.323794.
 """
@@ -11,18 +11,16 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from compass.features.padded_strip import HALF, MARGIN, Picture
+from compass.features.padded_strip import HALF, MARGIN, Picture, patch_grid
 from compass.images.strip import Pixels
 
 Floats = npt.NDArray[np.floating]
 
-SECTORS, PER_SECTOR = 32, 6  # corners are spread over the circle: the strongest of each sector
-WEAKEST = 3e-3  # smaller eigenvalue of a corner, of that of the strongest
-FLAT = 1e-2  # grey values^2 per pixel^2: keeps what has no gradient finite
+SECTORS, PER_SECTOR = 32, 6  # corners are spread over the circle: the strongest of each sector; not derived
+WEAKEST = 3e-3  # smaller eigenvalue of a corner, of that of the strongest; not derived
+MIN_INFORMATION = 1e-2  # grey values^2 per pixel^2: keeps what has no gradient finite
 SIDE = 2 * HALF + 1
-DOWN, ACROSS = np.mgrid[-HALF : HALF + 1, -HALF : HALF + 1].reshape(2, -1).astype(np.float32)  # of a patch's pixels
-WINDOW = np.exp(-(ACROSS**2 + DOWN**2) / (2.0 * (0.6 * HALF) ** 2))
-WINDOW /= WINDOW.sum()
+ACROSS, DOWN, WINDOW = patch_grid(HALF)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,7 +38,7 @@ class Patches:
     covariance : (n, 3) array
         Of that, for a noise of one grey value in weighted means: right-right, right-down, down-down, pixels^2.
     centre : (n, 2) array
-        Where, from the middle, the texture is that tells the shift, pixels: a patch that grows moves as that does.
+        Where, from the middle, the texture is that shows the shift, pixels: a patch that grows moves as that does.
     """
 
     at: Pixels
@@ -100,8 +98,8 @@ def cut_patches(picture: Picture, at: Pixels) -> Patches:
     like = (slopes @ (values * WINDOW)[..., None])[..., 0] / (contrast**2)[:, None]
     slopes -= like[..., None] * values[:, None]
     weighed = slopes * WINDOW
-    information = weighed @ slopes.transpose(0, 2, 1) + np.float32(FLAT) * np.eye(2, dtype=np.float32)
-    inverse = np.linalg.inv(information)
+    information = weighed @ slopes.transpose(0, 2, 1) + np.float32(MIN_INFORMATION) * np.eye(2, dtype=np.float32)
+    inverse = np.asarray(np.linalg.inv(information), np.float32)
     answer = inverse @ weighed
     centre = (answer @ growing[..., None])[..., 0]
     return Patches(at, values, contrast, answer, inverse[:, [0, 0, 1], [0, 1, 1]], centre)

@@ -1,4 +1,4 @@
-"""What is known of a motion between two views before their corners are asked, and what no corner tells."""
+"""Prior of a motion between two views, and what of its error no corner shows."""
 
 from __future__ import annotations
 
@@ -10,12 +10,13 @@ from compass.features.points import Floats
 from compass.images.strip import Strip
 from compass.tilt import tilt_between
 
-SCENE_TILT_SIGMA = math.radians(3.0)  # of the scene between two views, beside what an IMU tells
+SCENE_TILT_SIGMA = math.radians(3.0)  # of the scene between two views, beside what an IMU measures
 CLIMB_SIGMA = math.radians(4.0)  # of the direction of travel against the camera's level
 TILT_NOISE, UNKNOWN_TILT = 0.01, 0.045  # rad, error of the tilt in what it does to a yaw, with an IMU and without
 LOCK_PX = 0.012  # by which corners that all move by the same part of a column err: photographs of a city and a forest
 DISAGREE = 3.0  # deviations by which two answers to one question may differ
 FEWEST = 24  # corners that have to be found again, and to be inliers: five for each of a motion's unknowns
+INDEPENDENT = 0.25  # share of the corners that err by themselves, as neighbours err together; not derived
 LEVEL = (0.0, 0.0)  # no tilt
 
 
@@ -24,8 +25,8 @@ def precision_of(yaw_sigma: float = math.inf) -> Floats:
     return np.array([yaw_sigma**-2, SCENE_TILT_SIGMA**-2, SCENE_TILT_SIGMA**-2, 0.0, CLIMB_SIGMA**-2])
 
 
-def told_tilt(reference: Strip, current: Strip, turn: float) -> tuple[float, float]:
-    """Tilt of the scene about x and y from one view to another as an IMU tells, rad; none without one."""
+def imu_tilt(reference: Strip, current: Strip, turn: float) -> tuple[float, float]:
+    """Tilt of the scene about x and y from one view to another as an IMU measures it, rad; none without one."""
     if reference.up is None or current.up is None:
         return LEVEL
     return tilt_between(reference.up, current.up, turn)

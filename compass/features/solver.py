@@ -2,8 +2,8 @@
 
 What a corner has moved by, once the rotation is undone, is split along and across its epipolar line. Across it there is
 noise; along it noise and a parallax that is never negative (see `density`); or the corner is an outlier. Noise is
-Student's t: each corner's own scale is told by its residual across, where no prior touches it, and so is the scale that
-all share. Which component a corner belongs to, and both scales, are the hidden variables of the EM algorithm (Dempster,
+Student's t: each corner's own scale follows from its residual across, where no prior touches it, and so does the scale
+that all share. Component and both scales of a corner are the hidden variables of the EM algorithm (Dempster,
 Laird & Rubin 1977; for the t, Lange, Little & Taylor 1989, doi:10.1080/01621459.1989.10478852).
 """
 
@@ -22,13 +22,13 @@ YAW, TILT_X, TILT_Y, DIRECTION, CLIMB = range(5)
 ROTATION = slice(0, 3)
 FREEDOM = 3.0  # degrees of freedom of the t: 2 to 5 differ by a tenth in the yaw's RMS over a drive
 MEANS_PX = np.array([0.3, 2.0, 12.0])  # of the parallaxes, columns: from what noise hides to a keyframe's end
-FAR, OUTLIER = 0, MEANS_PX.size + 1  # components of the mixture: no parallax, and none of all
-SPREAD_PX = 20.0  # to either side, over which outliers lie evenly
+AT_INFINITY, OUTLIER = 0, MEANS_PX.size + 1  # components of the mixture: no parallax, and none of all
+SPREAD_PX = 20.0  # to either side, over which outliers lie evenly; not derived
 PSEUDO_COUNT = 1.0  # corners of each component beforehand: a flat Dirichlet prior
-STEP = np.array([0.05, 0.03, 0.03, 0.6, 0.1])  # rad, longest of each of the state in one round
+LONGEST_STEP = np.array([0.05, 0.03, 0.03, 0.6, 0.1])  # rad, of each of the state in one round; not derived
 LEAST_PX = 1e-6  # standard deviation of a corner where two images are the same to the last bit: no division by zero
-ROUNDING = 1e-3  # rad^-2, keeps what nothing tells from being singular
-AHEAD = 0.02  # sine of the angle from the travel below which a corner's epipolar line is not known
+MIN_PRECISION = 1e-3  # rad^-2, keeps the precision of what is unobservable from being singular
+MIN_SINE = 0.02  # of the angle from the travel below which a corner's epipolar line is not known; not derived
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -124,8 +124,8 @@ class Fit(Start):
         Residuals to the left and up, rad.
     along, sigma : (k, n) arrays
         Residuals along the epipolar lines, and their noise's standard deviations, rad.
-    doubt : float
-        Variance of the yaw that other motions leave, rad^2.
+    ambiguity : float
+        Variance of the yaw for its being another motion, rad^2.
     """
 
     log_posterior: Floats
@@ -135,7 +135,7 @@ class Fit(Start):
     off: Complexes
     along: Floats
     sigma: Floats
-    doubt: float = 0.0
+    ambiguity: float = 0.0
 
     @property
     def best(self) -> int:
@@ -157,17 +157,17 @@ def ascend(problem: Problem, start: Start, extra: Floats, pushed: bool = True) -
     start : Start
         States, shares and noise to begin with.
     extra : (rounds,) array
-        Deviation that is added to the noise in each round, rad: wide at first, so that a far start is not lost.
+        Deviation that is added to the noise in each round, rad: wide at first, so that a distant start is not lost.
     pushed : bool
         Whether there are parallaxes; else direction of travel and climb stay as they are, and `shares` are those of
         no parallax and of outliers.
     """
     states, shares, noise = start.states, start.shares, start.noise
     uniform = 2.0 * math.pi / (2.0 * SPREAD_PX * problem.per_column) ** 2
-    diagonal = problem.prior_precision + ROUNDING
+    diagonal = problem.prior_precision + MIN_PRECISION
     parts = np.empty((shares.shape[1], len(states), problem.moved.size))  # of the mixture: how likely, of each corner
     slope, bend = np.empty((2, len(parts) - 1, *parts.shape[1:]))  # of the logarithms of all but the outliers'
-    bend[FAR] = 1.0
+    bend[AT_INFINITY] = 1.0
     for beyond in (*(extra * extra).tolist(), None):
         lines = _Lines(problem, states)
         var_along, var_across = lines.variances(problem, noise)
@@ -178,10 +178,10 @@ def ascend(problem: Problem, start: Start, extra: Floats, pushed: bool = True) -
         var_along /= scale
         sigma = np.sqrt(var_along)
         scaled = lines.along / sigma
-        np.negative(scaled, out=slope[FAR])
-        parts[FAR] = np.exp(-0.5 * scaled * scaled)
+        np.negative(scaled, out=slope[AT_INFINITY])
+        parts[AT_INFINITY] = np.exp(-0.5 * scaled * scaled)
         if pushed:
-            near = slice(FAR + 1, OUTLIER)
+            near = slice(AT_INFINITY + 1, OUTLIER)
             parts[near], slope[near], bend[near] = exponentially_modified(
                 scaled, sigma / (lines.length * problem.means)
             )
@@ -203,7 +203,7 @@ def ascend(problem: Problem, start: Start, extra: Floats, pushed: bool = True) -
             break
         gradient = (jacobian @ forces[..., None])[..., 0] - problem.prior_precision * (states - problem.prior_mean)
         change = np.linalg.solve(precision, gradient[..., None])[..., 0]
-        states = states + np.maximum(np.minimum(change, STEP), -STEP)
+        states = states + np.maximum(np.minimum(change, LONGEST_STEP), -LONGEST_STEP)
         shares = parts.sum(axis=2).T + PSEUDO_COUNT
         shares /= shares.sum(axis=1, keepdims=True)
         if not beyond:
@@ -232,7 +232,7 @@ class _Lines:
         travel = np.array([cosine * level, sine * level, rise]).T
         self._changes = np.array([[-sine * level, cosine * level, 0.0 * rise], [-cosine * rise, -sine * rise, level]])
         self._travel = travel @ problem.tangents.axes
-        self.length = np.maximum(np.abs(self._travel), AHEAD)
+        self.length = np.maximum(np.abs(self._travel), MIN_SINE)
         self._back = -self._travel.conj() / self.length  # turns what lies away from the travel to the real axis
         self._residual = self.off * self._back
         self.along, self.across = self._residual.real, self._residual.imag

@@ -14,20 +14,23 @@ import numpy as np
 import numpy.typing as npt
 
 from compass.features.padded_strip import HALF, MARGIN, Picture
-from compass.features.points import WINDOW, Patches, levelled, sample
+from compass.features.points import SIDE, WINDOW, Patches, levelled, sample
 from compass.images.strip import Pixels
 
 Index = npt.NDArray[np.intp]
 
-FAR_LEVELS = 3  # of the pyramid above the picture itself, where too little is found with fewer
-ENOUGH = 0.7  # of the corners
+RETRY_LEVELS = 3  # of the pyramid above the picture itself, where too little is found with fewer
+ENOUGH = 0.7  # of the corners; not derived
 SETTLED = 0.2  # pixels; what the finer alignment moves by more is aligned again: it errs by a tenth of its way
-FARTHEST = 1.0  # pixels by which it may move a track in all
+LONGEST_CORRECTION_PX = 1.0  # pixels by which it may move a track in all
+# OpenCV's default is 30 rounds to 0.01 pixels; fewer, as the alignment that follows is finer. Not derived.
 STOP = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 10, 0.03)
 # Pixels from where a corner is expected to where it may be: a patch there, what its interpolation needs round it, and
 # what the finer alignment adds lie within the picture's margin.
-REACH = MARGIN - HALF - 4 - FARTHEST
-ALIKE = 0.8  # normalised correlation of a patch with what it is found as
+SEARCH_REACH_PX = MARGIN - HALF - 4 - LONGEST_CORRECTION_PX
+# Normalised correlation of a patch with what it is found as; with 0.7 and 0.92 long baselines are better here and worse
+# there (docs/lab-notes/compass-2026-11-27.md).
+MIN_LIKENESS = 0.8
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -75,7 +78,7 @@ def track(before: Picture, patches: Patches, now: Picture, guess: Pixels, levels
     """
     tracks = _tracked(before, patches, now, guess, levels)
     if tracks.index.size < ENOUGH * len(patches):
-        farther = _tracked(before, patches, now, guess, FAR_LEVELS)
+        farther = _tracked(before, patches, now, guess, RETRY_LEVELS)
         tracks = farther if farther.index.size > tracks.index.size else tracks
     return tracks
 
@@ -88,12 +91,12 @@ def _tracked(before: Picture, patches: Patches, now: Picture, guess: Pixels, lev
         now.bytes,
         patches.at + np.array([MARGIN, 0.0], np.float32),
         start.copy(),
-        winSize=(2 * HALF + 1, 2 * HALF + 1),
+        winSize=(SIDE, SIDE),
         maxLevel=levels,
         flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
         criteria=STOP,
     )
-    near = np.abs(rough - start).max(axis=1) < REACH
+    near = np.abs(rough - start).max(axis=1) < SEARCH_REACH_PX
     whole = (rough[:, 1] >= HALF) & (rough[:, 1] < now.rows - HALF)
     index = np.flatnonzero(found[:, 0].astype(bool) & near & whole)
     rough = np.asarray(rough[index], np.float32) - np.array([MARGIN, 0.0], np.float32)
@@ -101,10 +104,10 @@ def _tracked(before: Picture, patches: Patches, now: Picture, guess: Pixels, lev
     again = np.flatnonzero(np.abs(at - rough).max(axis=1) > SETTLED)
     if again.size:
         finer, left[again] = _aligned(patches, index[again], now, at[again])
-        at[again] = np.clip(finer, rough[again] - FARTHEST, rough[again] + FARTHEST)
+        at[again] = np.clip(finer, rough[again] - LONGEST_CORRECTION_PX, rough[again] + LONGEST_CORRECTION_PX)
     likeness = np.sqrt(np.maximum(1.0 - left / patches.contrast[index] ** 2, 0.0))
     of_mean = np.float32(WINDOW @ WINDOW)  # variance of a weighted mean of pixels, of that of one
-    return Tracks(index, at, left * of_mean, likeness, now.columns).some(likeness > ALIKE)
+    return Tracks(index, at, left * of_mean, likeness, now.columns).some(likeness > MIN_LIKENESS)
 
 
 def _aligned(patches: Patches, index: Index, now: Picture, at: Pixels) -> tuple[Pixels, Pixels]:
@@ -114,8 +117,9 @@ def _aligned(patches: Patches, index: Index, now: Picture, at: Pixels) -> tuple[
     likeness = (seen * values) @ WINDOW / (contrast * bright)
     seen *= (contrast / bright)[:, None]
     seen -= values
-    x, y = moved = np.clip((patches.answer[index] @ seen[..., None])[..., 0], -FARTHEST, FARTHEST).T
+    step = (patches.answer[index] @ seen[..., None])[..., 0]
+    x, y = moved = np.clip(step, -LONGEST_CORRECTION_PX, LONGEST_CORRECTION_PX).T
     right, mixed, down = patches.covariance[index].T
-    told = (down * x * x - 2.0 * mixed * x * y + right * y * y) / (right * down - mixed * mixed)
-    left = np.maximum(contrast**2 * (1.0 - likeness * np.abs(likeness)) - told, 1e-5 * contrast**2)
+    explained = (down * x * x - 2.0 * mixed * x * y + right * y * y) / (right * down - mixed * mixed)
+    left = np.maximum(contrast**2 * (1.0 - likeness * np.abs(likeness)) - explained, 1e-5 * contrast**2)
     return at - moved.T, left

@@ -18,8 +18,8 @@ from compass.methods.match import Search
 # In seven drives, held out and tuned, no peak beyond reach is higher than the one within, and rivals, where reach is so
 # wide, are at most 0.39 as high; a place that repeats itself has one within its noise of 1.
 OUTSIDE = 0.5  # of the highest peak anywhere is enough for one within reach
-RIVAL = 0.97  # of the highest peak makes another, APART-th of the circle away, as likely
-APART = 16
+RIVAL_HEIGHT = 0.97  # of the highest peak makes another as likely
+PEAKS_PER_CIRCLE = 16  # nearer than this part of the circle it is the shoulder of the same peak; not derived
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +63,7 @@ def coarse_shift(spectrum: Spectrum, columns: int, search: Search) -> CoarseShif
         shoulder = max(values[best - 1], values[(best + 1) % columns]) > values[best]  # of a peak beyond reach
         if shoulder or values[best] < OUTSIDE * values[anywhere]:
             best, possible = anywhere, np.ones(columns, bool)
-    rivals = possible & (np.abs(signed(lags - best, columns)) > columns / APART)
-    ambiguous = bool(rivals.any()) and float(values[rivals].max()) > RIVAL * float(values[best])
+    rivals = possible & (np.abs(signed(lags - best, columns)) > columns / PEAKS_PER_CIRCLE)
+    ambiguous = bool(rivals.any()) and float(values[rivals].max()) > RIVAL_HEIGHT * float(values[best])
     status = CompassStatus.AMBIGUOUS if ambiguous else CompassStatus.OK
     return CoarseShift(int(signed(best, columns)), float(values[best]), status)

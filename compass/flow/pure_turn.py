@@ -47,8 +47,8 @@ def _bands_apart(spectrum: Spectrum, columns: int, peak: Peak, bound: float) -> 
     wave = spectrum * np.exp(1j * omega * peak.shift_px) * (2.0 / columns)
     slope = np.add.reduceat(omega * wave.imag, edges)[:-1]  # of the band's correlation, where all of them are best
     bend = np.add.reduceat(omega**2 * wave.real, edges)[:-1]
-    told = bend > NEGLIGIBLE_BAND * bend.sum()
-    between = float((slope[told] ** 2 / bend[told]).sum() / bend[told].sum())
-    free = np.count_nonzero(told) - 1
+    informative = bend > NEGLIGIBLE_BAND * bend.sum()
+    between = float((slope[informative] ** 2 / bend[informative]).sum() / bend[informative].sum())
+    free = np.count_nonzero(informative) - 1
     excess = between - free * bound
     return excess if excess > SIGNIFICANT * np.sqrt(2.0 * free) * bound else 0.0

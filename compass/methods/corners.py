@@ -1,6 +1,6 @@
 """The method `corners`: corners of the keyframe are tracked, and the rotation and travel found that explain their ways.
 
-Where they tell nothing but a turn, all rows pooled say best how far.
+Where they show nothing but a turn, all rows pooled measure it best.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from compass.features.bearings import Projection, Tangents, undo
 from compass.features.motion import AGREE, Motion, yaw_variance
 from compass.features.padded_strip import HALF, Picture
 from compass.features.points import Floats, Patches, cut_patches, find_corners, sectors_of
-from compass.features.prior import DISAGREE, FEWEST, LEVEL, LOCK_PX, precision_of, tilt_error, told_tilt
+from compass.features.prior import DISAGREE, FEWEST, LEVEL, LOCK_PX, imu_tilt, precision_of, tilt_error
 from compass.features.solver import CLIMB, DIRECTION, ROTATION, YAW, Fit, Problem
 from compass.features.tracking import Tracks, track
 from compass.flow.coarse_shift import CoarseShift, coarse_shift, quantile
@@ -26,16 +26,16 @@ from compass.increment import CompassStatus
 from compass.methods.match import Match, Search
 from compass.methods.sector_median import match_small
 
-NARROWEST = 256  # columns; with fewer a patch is larger than what it shows
-LOWEST = 4 * HALF  # rows
+MIN_COLUMNS = 256  # columns; with fewer a patch is larger than what it shows
+MIN_ROWS = 4 * HALF  # rows
 # Of the circle without any corner. What is seen on one side only turns by as much as it is passed: of nine tuned drives
 # whose corners were left out over 0.63 of it error^2/variance is 640, over a half 5.4, over 0.38 1.7, over 0.22 1.05.
 GAP = 0.4
-UNRELATED_PX = 0.18  # a deviation beyond it: no motion explains the corners, they show another place
-MOST = 0.5  # of a keyframe's corners: where more are inliers of one motion, no other motion has as many
+UNRELATED_PX = 0.18  # a deviation beyond it: no motion explains the corners, they show another place; not derived
+MAJORITY = 0.5  # of a keyframe's corners: where more are inliers of one motion, no other motion has as many
 # Pixels from image to image; corners that move by less are expected to go on so, and need no pyramid, which saves a
 # tenth of an update. RMS of 16 drives with it, without, and without pyramid all the same: 0.034, 0.031, 0.039 deg.
-STEADY = 2.0
+STEADY_PX = 2.0
 
 
 @dataclass(slots=True, eq=False)
@@ -53,9 +53,9 @@ class Keyframe:
     pace : (n, 2) array
         How far each moved beside that from the image before to the last.
     motion : Motion
-        What the images since have told.
+        As estimated from the images since.
     shift_px : int
-        Turn to the last image that told one, columns.
+        Turn to the last image that gave one, columns.
     """
 
     picture: Picture
@@ -77,7 +77,7 @@ class CornerTracker:
 
     def __call__(self, reference: Strip, current: Strip, search: Search) -> Match:
         """How the current strip lies on the reference, see `compass.match.Match`."""
-        if reference.columns < NARROWEST or len(reference.pixels) < LOWEST:
+        if reference.columns < MIN_COLUMNS or len(reference.pixels) < MIN_ROWS:
             return match_small(reference, current, search)
         projection = Projection.of(reference, search.forward_px)
         key = self._keyframe_of(reference, projection)
@@ -85,16 +85,16 @@ class CornerTracker:
             return match_small(reference, current, search)
         coarse = coarse_shift(upright_spectrum(reference, current), reference.columns, search)
         self._newest = Picture(current)
-        told = told_tilt(reference, current, coarse.shift_px * projection.per_column)
+        measured = imu_tilt(reference, current, coarse.shift_px * projection.per_column)
         # an IMU may err, and of what repeats itself another peak may be the highest: then few corners are found again
-        starts = dict.fromkeys([(coarse.shift_px, told), (coarse.shift_px, LEVEL), (key.shift_px, told)])
-        inliers, match = -1.0, Match(float(coarse.shift_px), math.inf, 0.0)
+        starts = dict.fromkeys([(coarse.shift_px, measured), (coarse.shift_px, LEVEL), (key.shift_px, measured)])
+        most, match = -1.0, Match(float(coarse.shift_px), math.inf, 0.0)
         for shift_px, tilt in starts:
             tried = replace(key, motion=replace(key.motion))
-            obey, found = _compared(tried, self._newest, replace(coarse, shift_px=shift_px), projection, tilt)
-            if obey > inliers:
-                inliers, match, self._keyframe = obey, found, tried
-            if inliers > MOST * len(key.patches):
+            inliers, found = _compared(tried, self._newest, replace(coarse, shift_px=shift_px), projection, tilt)
+            if inliers > most:
+                most, match, self._keyframe = inliers, found, tried
+            if most > MAJORITY * len(key.patches):
                 break
         return match
 
@@ -155,7 +155,7 @@ def _tracked(
     predicted = projection.pixels(rotation @ key.tangents.ahead) - key.patches.centre
     rotated = predicted - key.predicted
     expected = key.last + np.stack([signed(rotated[:, 0], now.columns), rotated[:, 1]], axis=1)
-    steady = not key.motion.is_unknown and quantile(np.abs(key.pace).max(axis=1), 0.9) < STEADY
+    steady = not key.motion.is_unknown and quantile(np.abs(key.pace).max(axis=1), 0.9) < STEADY_PX
     guess = expected + key.pace if steady else expected
     tracks = track(key.picture, key.patches, now, guess.astype(np.float32), 0 if steady else 1)
     if now.clear is not None:
@@ -173,7 +173,7 @@ def _tracked(
 def _problem(
     key: Keyframe, tracks: Tracks, turned_px: float, projection: Projection, tilt: tuple[float, float]
 ) -> Problem:
-    """Ways of the corners, as directions, and what is known before they are asked."""
+    """Ways of the corners, as bearings, and the prior."""
     tangents = key.tangents.some(tracks.index)
     seen = projection.directions(tracks.at + key.patches.centre[tracks.index])
     start = key.motion.start.states[0].copy()
@@ -186,7 +186,7 @@ def _problem(
 
 
 def _judged(key: Keyframe, tracks: Tracks, fit: Fit, problem: Problem, match: Match) -> Match:
-    """What the motion says of the turn, how far that can be trusted, and whether at all."""
+    """The turn of a motion, its variance, and whether it is an answer."""
     px = problem.per_column
     yaw, tilt_x, tilt_y = fit.states[0, ROTATION].tolist()
     variance = yaw_variance(fit, sectors_of(tracks.at, tracks.columns), key.motion.travels) / px**2

@@ -18,11 +18,11 @@ SECTORS, PER_CIRCLE = 32, 8.0  # Hann windows an eighth of the circle wide, a qu
 REACH_PX = 20  # how far a sector may lie from the coarse shift, columns
 TAPS = 6  # samples on either side of the best one that its interpolation uses
 FINE = 16  # interpolated samples per column
-CORRELATED_PIXELS = 4.0  # that share their error: smoothing, and parallax inside a sector
+CORRELATED_PIXELS = 4.0  # that share their error: smoothing, and parallax inside a sector; not derived
 MOSTLY = 0.3  # of a sector must show the world in both strips; losing more on one side misleads their median
-APART = 8.0  # times as far as sectors may corners move apart until their keyframe is renewed: by eight columns, not one
+SPREAD_FACTOR = 8.0  # times as far as sectors may corners move apart until the keyframe is renewed: by 8 columns, not 1
 AGREED = 1.5  # deviations: three sectors of four this near to all rows pooled saw nothing but a turn
-NOISE_FLOOR_PX = 0.01  # what interpolation and JPEG leave of a shift's error, columns
+NOISE_FLOOR_PX = 0.01  # what interpolation and JPEG leave of a shift's error, columns; not derived
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,16 +62,16 @@ def match_sectors(reference: Strip, current: Strip, search: Search) -> Match:
 
 
 def match_small(reference: Strip, current: Strip, search: Search) -> Match:
-    """The same of images that are too small for corners, or have none; it tells how far the sectors have moved apart.
+    """The same of images that are too small for corners, or have none, with how far the sectors have moved apart.
 
-    So a keyframe lasts while the camera only turns; where sectors agree on that, all rows pooled tell it best.
+    So a keyframe lasts while the camera only turns; where sectors agree on that, all rows pooled measure it best.
     """
     median = match_sectors(reference, current, search)
     sectors = local_shifts(reference, current, round(median.shift_px))
     if not sectors.shift_px.size:
         return median
     apart = quantile(np.abs(sectors.shift_px - median.shift_px), 0.75)
-    match = replace(median, spread_px=APART * apart)
+    match = replace(median, spread_px=SPREAD_FACTOR * apart)
     peak, spectrum = pooled_turn(reference, current, median.shift_px)
     off = quantile(np.abs(sectors.shift_px - peak.shift_px) / sectors.sigma_px, 0.75)
     if off > AGREED or peak.curvature >= 0.0:  # pixels that were doubled have no maximum half a column off

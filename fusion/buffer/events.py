@@ -10,11 +10,14 @@ from compass import YawIncrement
 from fusion.samples import GyroSample, OdometrySample
 
 Sample = GyroSample | OdometrySample | YawIncrement
-FASTEST = 1e3  # m/s and rad/s; a driver's nonsense beyond it could overflow the filter's squares
+FOREVER_NS = 2**63  # beyond all stamps
+NONSENSE_RATE = 1e3  # m/s and rad/s; a driver's nonsense beyond it could overflow the filter's squares
 
 
 class Sensor(Enum):
     """Where samples come from."""
+
+    __hash__ = object.__hash__  # an enumeration's own is Python, and asked for a dozen times a sample
 
     GYRO = "gyro"
     TRACKS = "tracks"
@@ -89,8 +92,8 @@ def event_of(sample: Sample) -> FusionEvent:
     if isinstance(sample, OdometrySample):
         pose = (0, 0.0) if sample.yaw is None else (1, sample.yaw)
         return TracksEvent(sample, t, (t, Rank.TRACKS, sample.yaw_rate, sample.speed, *pose))
-    told = sample.t_ref_ns, sample.yaw, sample.variance, sample.confidence
-    return CompassEvent(sample, t, (t, Rank.COMPASS, sample.long_baseline, *told))
+    content = sample.t_ref_ns, sample.yaw, sample.variance, sample.confidence
+    return CompassEvent(sample, t, (t, Rank.COMPASS, sample.long_baseline, *content))
 
 
 def reference_of(increment: YawIncrement) -> ReferenceEvent:
@@ -100,14 +103,12 @@ def reference_of(increment: YawIncrement) -> ReferenceEvent:
     )
 
 
-def needs_reference(increment: YawIncrement, last_long: YawIncrement | None, window_ns: float) -> bool:
+def needs_reference(increment: YawIncrement, before: YawIncrement | None, window_ns: float) -> bool:
     """Whether the yaw at an increment's reference, no further back than a window, must be remembered anew.
 
-    The filter still has both views of the last increment from some seconds ago, `last_long`.
+    The filter still has both yaws of the last increment of its kind `before` it: the reference, and the image itself.
     """
-    kept = (
-        increment.long_baseline and last_long is not None and increment.t_ref_ns in (last_long.t_ref_ns, last_long.t_ns)
-    )
+    kept = before is not None and increment.t_ref_ns in (before.t_ref_ns, before.t_ns)
     return increment.t_ns - increment.t_ref_ns <= window_ns and not kept
 
 
@@ -142,8 +143,8 @@ def fault_of(sample: Sample) -> str | None:
         return "not finite"
     if variance is not None and variance <= 0.0:
         return "variance not positive"
-    if any(abs(number) > FASTEST for number in motion):
-        return f"faster than {FASTEST:g} m/s or rad/s"
+    if any(abs(number) > NONSENSE_RATE for number in motion):
+        return f"faster than {NONSENSE_RATE:g} m/s or rad/s"
     return None
 
 

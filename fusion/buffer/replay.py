@@ -78,6 +78,10 @@ class Timeline(Generic[E, S]):
         place = bisect_left(self._orders, event.order)
         return place < len(self._orders) and self._orders[place] == event.order
 
+    def after(self, t_ns: int) -> list[E]:
+        """The events later than `t_ns`, ns."""
+        return self._events[bisect_left(self._orders, (t_ns + 1,)) :]
+
     def add(self, event: E) -> Arrival:
         """Apply an event at its own time."""
         if self._newest_ns is not None and event.t_ns < self._newest_ns - self._window_ns:
@@ -104,10 +108,7 @@ class Timeline(Generic[E, S]):
 
     def _forget(self) -> None:
         """Drop events that have left the window; the state after them is what a replay starts from."""
-        oldest_ns = self._events[-1].t_ns - self._window_ns
-        count = 0
-        while self._events[count].t_ns < oldest_ns:
-            count += 1
+        count = bisect_left(self._orders, (self._events[-1].t_ns - self._window_ns,))
         if count > 64:  # in batches, as deleting from the front of a list moves the rest
             self._base = self._states[count - 1]
             del self._orders[:count], self._events[:count], self._states[:count]

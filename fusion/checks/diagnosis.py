@@ -9,15 +9,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from fusion.buffer.events import Sensor
-from fusion.checks.isolation import Doubt, Isolation
-from fusion.checks.isolation_rules import RADIANS, STUCK, TURNED
+from fusion.checks.alternative import Alternative
+from fusion.checks.gyro_faults import RADIANS, TURNED
+from fusion.checks.isolation import Isolation
+from fusion.checks.isolation_rules import STUCK
 from fusion.checks.time_offset import TimeOffset
 from fusion.checks.warnings import Warning
 from fusion.checks.windows import Window
 
+# Not derived: `SIGN`, `EXPLAINED`, `SEVERAL`.
 SIGN = 0.4  # ratios this near to -1 are a sign
 EXPLAINED = 0.6  # of the squared contradictions, by one number
-SEVERAL = 3  # windows that tell a bias or a time offset from a scale
+SEVERAL = 3  # windows that distinguish a bias or a time offset from a scale
 NAMES = {Sensor.GYRO: "the gyro", Sensor.TRACKS: "the odometry", Sensor.COMPASS: "the compass"}
 FAULTS = {"images_mirrored", "images_do_not_turn", "gyro_stuck", "gyro_units"}  # what there is one cause of
 OTHERS = {Sensor.GYRO: (Sensor.COMPASS, Sensor.TRACKS), Sensor.COMPASS: (Sensor.GYRO, Sensor.TRACKS)}
@@ -36,10 +39,13 @@ def warnings_of(iso: Isolation) -> tuple[Warning, ...]:
     """What contradicts at present."""
     found = []
     for sensor in Sensor:
-        doubt, excluded = iso.doubt(sensor), next((one for one in iso.exclusions if one.sensor is sensor), None)
-        if excluded or doubt:
-            since_ns = min(one.since_ns for one in (excluded, doubt) if one)
-            found += _warnings(iso, sensor, since_ns, doubt)
+        alternative, excluded = (
+            iso.alternative(sensor),
+            next((one for one in iso.exclusions if one.sensor is sensor), None),
+        )
+        if excluded or alternative:
+            since_ns = min(one.since_ns for one in (excluded, alternative) if one)
+            found += _warnings(iso, sensor, since_ns, alternative)
     if iso.offset is None:
         return tuple(found)
     named = _late(iso.offset)  # one cause of all that those contradict by
@@ -70,12 +76,12 @@ def adds_up(sensor: Sensor, since_ns: int, beyond: float) -> Warning:
     )
 
 
-def _warnings(iso: Isolation, sensor: Sensor, since_ns: int, doubt: Doubt | None) -> list[Warning]:
-    """What is wrong with a sensor; where nobody can tell whether it is not the other one that errs, what with that."""
+def _warnings(iso: Isolation, sensor: Sensor, since_ns: int, alternative: Alternative | None) -> list[Warning]:
+    """What is wrong with a sensor; where it may as well be the other one that errs, what is wrong with that."""
     windows = [window for window in iso.evidence if window.claim(sensor)] or list(iso.evidence)
     other = _other(sensor, windows)
     kinds = [kind_of(sensor, other, windows)]
-    if doubt is not None and other is not None:
+    if alternative is not None and other is not None:
         kinds += [kind for kind in (kind_of(other, sensor, windows),) if kind.code in FAULTS and kind != kinds[0]]
     seconds = sum(window.seconds for window in windows)
     turned = ", ".join(
@@ -83,8 +89,8 @@ def _warnings(iso: Isolation, sensor: Sensor, since_ns: int, doubt: Doubt | None
         for one in Sensor
         if any(window.claim(one) for window in windows)
     )
-    who = sensor.value if doubt is None or other is None else f"{sensor.value}+{other.value}"
-    end = f"{NAMES[sensor]} is left out" if doubt is None else "nobody can tell who is right: sigma covers both"
+    who = sensor.value if alternative is None or other is None else f"{sensor.value}+{other.value}"
+    end = f"{NAMES[sensor]} is left out" if alternative is None else "nobody can tell who is right: sigma covers both"
     return [
         Warning(
             kind.code,

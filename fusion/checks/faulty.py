@@ -7,8 +7,13 @@ from collections import Counter
 from fusion.buffer.events import Sensor
 from fusion.checks.warnings import Warning
 
-FEWEST = 3  # a single one is a glitch, and
-SHARE = 0.01  # of all
+FEWEST = 3  # a single one is a glitch, or what a link delivers twice; and
+SHARE = 0.01  # of all; neither is derived
+
+
+def is_frequent(faults: int, samples: int) -> bool:
+    """Whether so many of the samples are at fault that a user has to know."""
+    return faults >= max(FEWEST, SHARE * samples)
 
 
 class FaultWatch:
@@ -31,7 +36,7 @@ class FaultWatch:
         return [
             self._words(sensor, faults)
             for sensor, faults in self._faults.items()
-            if faults.total() >= max(FEWEST, SHARE * self._heard[sensor])
+            if is_frequent(faults.total(), self._heard[sensor])
         ]
 
     def _words(self, sensor: Sensor, faults: Counter[str]) -> Warning:

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from fusion.checks.silence import SILENT_NS
 from fusion.checks.warnings import Warning
 
-SHORTEST_NS = 1_000_000_000  # shorter pauses the model of motion bridges, at a sigma of some degrees
+# Not derived: `PATIENCE_NS`, `MOST_GAPS`.
 PATIENCE_NS = 500_000_000  # in which a late sample may fall into the gap, or an increment reach across it
-MOST = 100  # gaps that are remembered
+MOST_GAPS = 100  # gaps that are remembered
 
 Gap = tuple[int, int]  # from the last stamp before to the first after, ns
 
@@ -26,11 +27,11 @@ class GapWatch:
         self._jump = from_ns, to_ns
 
     def hear(self, t_ns: int, since_ns: int | None = None) -> None:
-        """Note the stamp, ns, of a sample that is believed, and since when it tells how the robot turned."""
+        """Note the stamp, ns, of a sample that is believed, and since when it measures how the robot turned."""
         newest_ns = t_ns if self._newest_ns is None else self._newest_ns
-        if t_ns - newest_ns > SHORTEST_NS:
+        if t_ns - newest_ns > SILENT_NS:  # shorter pauses the model of motion bridges, at a sigma of some degrees
             self._open.append((newest_ns, t_ns))
-            del self._open[:-MOST]
+            del self._open[:-MOST_GAPS]
         if self._open and t_ns <= newest_ns:
             self._open = [part for gap in self._open for part in _without(gap, t_ns)]
         if self._open and since_ns is not None:
@@ -65,5 +66,5 @@ def _without(gap: Gap, t_ns: int) -> Iterator[Gap]:
         yield gap
         return
     for part in ((gap[0], t_ns), (t_ns, gap[1])):
-        if part[1] - part[0] > SHORTEST_NS:
+        if part[1] - part[0] > SILENT_NS:
             yield part

@@ -92,6 +92,8 @@ class Gate:
         else:
             verdict, since = Verdict.RECOVERED, None
         old = self.report
-        counts = (old.accepted, old.rejected, old.recovered) if old else (0, 0, 0)
-        accepted, rejected, recovered = (n + (verdict is v) for n, v in zip(counts, Verdict, strict=True))
+        accepted, rejected, recovered = (old.accepted, old.rejected, old.recovered) if old else (0, 0, 0)
+        accepted += verdict is Verdict.ACCEPTED
+        rejected += verdict is Verdict.REJECTED
+        recovered += verdict is Verdict.RECOVERED
         return Gate(since, accepted_ns, SensorReport(t_ns, innovation, S**0.5, verdict, accepted, rejected, recovered))

@@ -7,15 +7,16 @@ from typing import TYPE_CHECKING
 
 from compass.history import ImageHistory
 from compass.increment import CompassStatus
+from fusion.checks.faulty import is_frequent
 from fusion.checks.warnings import Warning
 
 if TYPE_CHECKING:
     from compass import VisualCompass
 
+# Not derived: `EMPTY_SHARE`, `FEWEST_IMAGES`, `CUT_SHARE`.
 EMPTY_SHARE = 0.5  # of the last images; a single dark one is no fault
-FEWEST = 10  # images before a share of them says anything
-REFUSED_SHARE = 0.01  # of all stamps; a message that a link delivers twice is no fault
-REFUSED = 3  # of them at least
+FEWEST_IMAGES = 10  # images before a share of them says anything
+
 CUT_SHARE = 0.1  # of stamps that repeat, where all are whole seconds: a camera of 1 Hz may have whole seconds rightly
 CLOCK_NS = 1_000_000_000  # a stamp further back comes from another clock, not from images in disorder
 
@@ -71,11 +72,11 @@ def _stamps(history: ImageHistory) -> Warning | None:
     """Stamps that are not the moments of capture."""
     refused = history.repeated + history.backward
     since_ns = history.first_refused_ns
-    if since_ns is None or refused < max(REFUSED, REFUSED_SHARE * history.images):
+    if since_ns is None or not is_frequent(refused, history.images):
         return None
     remedy = "stamp each image with the time of its capture (header.stamp)"
     share = f"{refused} of {history.images} images ({100.0 * refused / history.images:.0f} %)"
-    if history.repeated == history.images - 1 and history.images >= FEWEST:
+    if history.repeated == history.images - 1 and history.images >= FEWEST_IMAGES:
         text = f"all {history.images} images carry the stamp {since_ns * 1e-9:.3f} s; only the first was used: {remedy}"
     elif history.whole_seconds == history.images and history.repeated > CUT_SHARE * history.images:
         text = (
@@ -105,7 +106,7 @@ def _frozen(history: ImageHistory) -> Warning | None:
 
 def _empty(history: ImageHistory) -> Warning | None:
     share, since_ns = history.share(CompassStatus.NO_TEXTURE), history.empty_since_ns
-    if since_ns is None or len(history.recent) < FEWEST or share < EMPTY_SHARE:
+    if since_ns is None or len(history.recent) < FEWEST_IMAGES or share < EMPTY_SHARE:
         return None
     text = (
         f"{100.0 * share:.0f} % of the last {len(history.recent)} images are black, covered or overexposed; no yaw "

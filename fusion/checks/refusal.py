@@ -6,8 +6,9 @@ from dataclasses import dataclass
 
 from compass import YawIncrement
 from fusion.buffer.events import Sensor
-from fusion.checks.isolation import DOUBT
+from fusion.checks.alternative import ALTERNATIVE_PROBABILITY
 
+# Not derived: `GREW`, `REPEATED`.
 GREW = 1.5  # times the first innovation: not one wrong match, but rates that differ
 
 REPEATED = 0.2  # of the first innovation, by which another may differ: meanwhile the robot may turn on
@@ -47,4 +48,4 @@ class Refusal:
     @property
     def variance(self) -> float:
         """By how much the yaw may be wrong, rad^2."""
-        return DOUBT[Sensor.COMPASS] * self.last**2
+        return ALTERNATIVE_PROBABILITY[Sensor.COMPASS] * self.last**2

@@ -9,9 +9,9 @@ from fusion.buffer.events import Sensor
 from fusion.checks.gate import SensorReport
 from fusion.checks.warnings import Warning
 
-WINDOW_NS = 10_000_000_000  # as long as tracks may slip before the filter opens their scale
-SHORTEST_NS = 3_000_000_000  # thrice `recovery_time`, after which the filter listens to a refused sensor again
-SHARE = 0.5  # of an honest sensor's samples the gate refuses 1e-4
+TALLY_NS = 10_000_000_000  # as long as tracks may slip before the filter opens their scale
+SHORTEST_TALLY_NS = 3_000_000_000  # thrice `recovery_time`, after which the filter listens to a refused sensor again
+REFUSED_SHARE = 0.5  # of an honest sensor's samples the gate refuses 1e-4
 REMEDIES = {
     Sensor.GYRO: "check its mount, units and stamps",
     Sensor.TRACKS: "they slip, or their sign, scale or stamps are wrong",
@@ -56,7 +56,7 @@ class RefusalWatch:
             tallies.append((report.t_ns, 0, 0))
         if judged > tallies[-1][1]:
             tallies.append((report.t_ns, judged, report.rejected))
-        while len(tallies) > 1 and tallies[1][0] <= now_ns - WINDOW_NS:
+        while len(tallies) > 1 and tallies[1][0] <= now_ns - TALLY_NS:
             tallies.popleft()
 
     def _judge(self, sensor: Sensor) -> Warning | None:
@@ -65,13 +65,13 @@ class RefusalWatch:
             return None
         (first_ns, judged_before, refused_before), (last_ns, judged, refused) = tallies[0], tallies[-1]
         judged, refused, seconds = judged - judged_before, refused - refused_before, (last_ns - first_ns) * 1e-9
-        if last_ns - first_ns < SHORTEST_NS or refused <= SHARE * judged:
+        if last_ns - first_ns < SHORTEST_TALLY_NS or refused <= REFUSED_SHARE * judged:
             self._since_ns.pop(sensor, None)
             return None
         first_refused_ns = next(t_ns for t_ns, _, count in tallies if count > refused_before)
         since_ns = self._since_ns.setdefault(sensor, first_refused_ns)
         text = (
-            f"{refused} of {judged} samples within {seconds:.0f} s were refused: the turn they tell contradicts the"
+            f"{refused} of {judged} samples within {seconds:.0f} s were refused: the turn they measure contradicts the"
             f" other sensors; {REMEDIES[sensor]}"
         )
         return Warning("sensor_refused", sensor.value, since_ns, text)

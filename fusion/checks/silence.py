@@ -10,13 +10,17 @@ from statistics import median
 from fusion.buffer.events import Sensor
 from fusion.checks.warnings import Warning
 
-SILENT_NS = 1_000_000_000  # twice what a link may hold a sample back without a word
+# A sensor not heard for so long is silent: twice what a link may hold a sample back; a slow camera gives an image a
+# second.
+SILENT_NS = 1_000_000_000
+RATE_SILENT_NS = 500_000_000  # of gyro or tracks: their turn since then is unknown; not derived
 PERIODS = 3  # of the sensor; one of 1 Hz is not silent after a second
-STEADY = 20  # gaps that tell a sensor's period
-FEWEST = 5  # of them before they do
-MISSING = 5  # periods without a sample are no jitter
+PERIOD_GAPS = 20  # gaps that a sensor's period is the median of; not derived
+FEWEST_GAPS = 5  # of them before it is known
+MISSING = 5  # periods without a sample are no jitter; not derived
 OFTEN = 3  # such pauses, within
-LATELY_NS = 10_000_000_000
+# Not derived: `PAUSES_NS`.
+PAUSES_NS = 10_000_000_000
 
 
 @dataclass(slots=True)
@@ -24,8 +28,8 @@ class Voice:
     """When a sensor spoke: its newest stamp, the gaps between its last ones and its pauses, ns."""
 
     newest_ns: int
-    gaps: deque[int] = field(default_factory=lambda: deque(maxlen=STEADY))
-    pauses: deque[tuple[int, int]] = field(default_factory=lambda: deque(maxlen=STEADY))
+    gaps: deque[int] = field(default_factory=lambda: deque(maxlen=PERIOD_GAPS))
+    pauses: deque[tuple[int, int]] = field(default_factory=lambda: deque(maxlen=PERIOD_GAPS))
 
     def hear(self, t_ns: int) -> None:
         """Take in a stamp; one that comes late may fall into what seemed to be a pause."""
@@ -33,7 +37,7 @@ class Voice:
         if gap_ns <= 0:
             self._split(t_ns)
             return
-        if len(self.gaps) >= FEWEST and gap_ns > MISSING * median(self.gaps):
+        if len(self.gaps) >= FEWEST_GAPS and gap_ns > MISSING * median(self.gaps):
             self.pauses.append((self.newest_ns, t_ns))
         self.gaps.append(gap_ns)
         self.newest_ns = t_ns
@@ -44,7 +48,7 @@ class Voice:
             if pause[0] < t_ns < pause[1]:
                 parts = (pause[0], t_ns), (t_ns, pause[1])
                 left = [part for part in parts if part[1] - part[0] > MISSING * median(self.gaps)]
-                self.pauses = deque([*(one for one in self.pauses if one != pause), *left], maxlen=STEADY)
+                self.pauses = deque([*(one for one in self.pauses if one != pause), *left], maxlen=PERIOD_GAPS)
                 return
 
     def longest_ns(self) -> int:
@@ -86,12 +90,12 @@ def _judge(sensor: Sensor, voice: Voice, now_ns: int) -> Warning | None:
         return Warning("sensor_silent", sensor.value, voice.newest_ns, text)
     if sensor is Sensor.COMPASS:
         return None
-    pauses = [pause for pause in voice.pauses if pause[1] > now_ns - LATELY_NS]
+    pauses = [pause for pause in voice.pauses if pause[1] > now_ns - PAUSES_NS]
     if len(pauses) < OFTEN:
         return None
     longest = max(end - start for start, end in pauses) * 1e-9
     text = (
-        f"{sensor.value}: {len(pauses)} pauses of up to {longest:.2g} s within {LATELY_NS * 1e-9:.0f} s: samples are "
+        f"{sensor.value}: {len(pauses)} pauses of up to {longest:.2g} s within {PAUSES_NS * 1e-9:.0f} s: samples are "
         "lost; check its link, and the queue sizes of driver and recorder"
     )
     return Warning("samples_lost", sensor.value, pauses[0][0], text)

@@ -14,15 +14,17 @@ from dataclasses import dataclass, field
 from statistics import median
 
 from fusion.buffer.events import Sample, Sensor, sensor_of
+from fusion.checks.faulty import is_frequent
+from fusion.checks.silence import PERIOD_GAPS, SILENT_NS
 from fusion.checks.warnings import Warning
 
-ALIVE_NS = 1_000_000_000  # a sensor that spoke this long before the newest sample would speak now
+# Not derived: `LONE_NS`, `MAJORITY_NS`, `ABANDONED_NS`, `STAMPS_NS`.
 LONE_NS = 200_000_000  # of stamps by the only sensor there is
 MAJORITY_NS = 800_000_000  # by two of three
 ABANDONED_NS = 5_000_000_000  # by anyone, while nobody is left at the time that was
 BACKLOG_NS = 10_000_000_000  # backwards, where two of three may be a link's backlog; more than its queues hold
 MOST_WAITING = 4000  # samples, ten seconds of all sensors
-ASTRAY = 20  # samples in a row from another time: not a link that hung, but a clock
+MISMATCHES = 20  # samples in a row from another time: not a link that hung, but a clock; not derived
 
 
 @dataclass(slots=True)
@@ -69,7 +71,7 @@ class Elsewhen:
         `heard` is the newest stamp of each sensor that the filter took; two of different sensors confirm each other if
         they are no further apart than `reach_ns`.
         """
-        alive = {sensor for sensor, t_ns in heard.items() if t_ns >= newest_ns - ALIVE_NS} | self.against
+        alive = {sensor for sensor, t_ns in heard.items() if t_ns >= newest_ns - SILENT_NS} | self.against
         group = self._neighbours(reach_ns if len(alive) > 1 else ABANDONED_NS)
         sensors = {sensor_of(sample) for sample in group}
         span_ns = group[-1].t_ns - group[0].t_ns
@@ -110,7 +112,7 @@ class Elsewhen:
         if near:
             kept = ((sample, newest_ns) for sample, newest_ns in self.samples if sample.t_ns > reach_ns)
             self.samples = deque(kept, maxlen=MOST_WAITING)
-        caught = (sample for sample, newest_ns in near if newest_ns - self.since[sensor_of(sample)] <= ALIVE_NS)
+        caught = (sample for sample, newest_ns in near if newest_ns - self.since[sensor_of(sample)] <= SILENT_NS)
         return sorted(caught, key=lambda sample: sample.t_ns)
 
 
@@ -122,7 +124,7 @@ def confirmed(samples: Iterable[Sample]) -> bool:
 
 
 @dataclass(slots=True)
-class Astray:
+class Mismatch:
     """How many samples in a row a sensor has sent from another time, since when, and how far off the last was, ns."""
 
     since_ns: int
@@ -134,39 +136,36 @@ class ClockWatch:
     """Names sensors whose samples all come from another time."""
 
     def __init__(self) -> None:
-        self._astray: dict[Sensor, Astray] = {}
+        self._mismatches: dict[Sensor, Mismatch] = {}
 
-    def astray(self, sensor: Sensor, t_ns: int, newest_ns: int) -> None:
+    def mismatch(self, sensor: Sensor, t_ns: int, newest_ns: int) -> None:
         """Note a sample from another time."""
-        known = self._astray.setdefault(sensor, Astray(newest_ns))
+        known = self._mismatches.setdefault(sensor, Mismatch(newest_ns))
         known.count, known.off_ns = known.count + 1, t_ns - newest_ns
 
     def well(self, sensor: Sensor) -> None:
         """Note a sample from the filter's own time."""
-        self._astray.pop(sensor, None)
+        self._mismatches.pop(sensor, None)
 
     def warnings(self) -> list[Warning]:
         """Clocks that are others at present."""
-        return [_mismatch(sensor, astray) for sensor, astray in self._astray.items() if astray.count >= ASTRAY]
+        found = self._mismatches.items()
+        return [_mismatch(sensor, mismatch) for sensor, mismatch in found if mismatch.count >= MISMATCHES]
 
 
-def _mismatch(sensor: Sensor, astray: Astray) -> Warning:
-    seconds = astray.off_ns * 1e-9
+def _mismatch(sensor: Sensor, mismatch: Mismatch) -> Warning:
+    seconds = mismatch.off_ns * 1e-9
     text = (
         f"{sensor.value}: stamps are {abs(seconds):.4g} s {'ahead of' if seconds > 0 else 'behind'} the others'; "
-        f"none of its last {astray.count} samples is used: stamp all sensors by one clock"
+        f"none of its last {mismatch.count} samples is used: stamp all sensors by one clock"
         + (", or raise fusion.lag_window" if -60.0 < seconds < 0.0 else "")
     )
-    return Warning("clock_mismatch", sensor.value, astray.since_ns, text)
+    return Warning("clock_mismatch", sensor.value, mismatch.since_ns, text)
 
 
-STEADY = 20  # stamps in a row that tell a sensor's period
-LATELY_NS = 2_000_000_000  # of its stamps that are remembered
-FILLS = (
-    0.6  # of a period: a late sample has at least so much room to both sides, else there is one at its place already
-)
-NOTED = 3  # stamps that do not increase, and
-SHARE = 0.01  # of all, before it is said
+STAMPS_NS = 2_000_000_000  # of its stamps that are remembered
+# Of a period: a late sample has at least so much room to both sides, else there is one at its place already.
+FILLS = 0.6
 
 
 class StampSequence:
@@ -179,7 +178,7 @@ class StampSequence:
     def __init__(self, sensor: Sensor) -> None:
         self._sensor = sensor
         self._stamps: list[int] = []
-        self._gaps: deque[int] = deque(maxlen=STEADY)
+        self._gaps: deque[int] = deque(maxlen=PERIOD_GAPS)
         self._newest_ns = -1
         self._since_ns = 0
         self.count = self.refused = 0
@@ -193,8 +192,8 @@ class StampSequence:
             self._gaps.append(t_ns - self._newest_ns)
             self._newest_ns = max(self._newest_ns, t_ns)
             self._stamps.insert(place, t_ns)
-            if self._stamps[0] < self._newest_ns - 2 * LATELY_NS:
-                del self._stamps[: bisect_left(self._stamps, self._newest_ns - LATELY_NS)]
+            if self._stamps[0] < self._newest_ns - 2 * STAMPS_NS:
+                del self._stamps[: bisect_left(self._stamps, self._newest_ns - STAMPS_NS)]
         else:
             self._since_ns = self._since_ns or self._newest_ns
             self.refused += 1
@@ -202,8 +201,8 @@ class StampSequence:
 
     def _room(self, t_ns: int, place: int) -> bool:
         neighbours = [abs(one - t_ns) for one in self._stamps[max(place - 1, 0) : place + 1]]
-        nearest = min(neighbours, default=LATELY_NS)
-        if nearest == 0 or len(self._gaps) < STEADY:
+        nearest = min(neighbours, default=STAMPS_NS)
+        if nearest == 0 or len(self._gaps) < PERIOD_GAPS:
             return nearest > 0
         period = median(self._gaps)
         steady = all(0.5 * period <= gap <= 2.0 * period for gap in self._gaps)
@@ -211,7 +210,7 @@ class StampSequence:
 
     def warnings(self) -> list[Warning]:
         """Whether it is worth saying."""
-        if self.refused < max(NOTED, SHARE * self.count):
+        if not is_frequent(self.refused, self.count):
             return []
         text = (
             f"{self._sensor.value}: {self.refused} of {self.count} stamps repeat or go back to where samples were: "

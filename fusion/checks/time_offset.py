@@ -1,7 +1,7 @@
 """By how much the clock of one sensor is off: the lag at which its turns are those of the others.
 
 A lag of several seconds shows in no single window of turns: there the sensors seem to contradict each other anyhow.
-So the last `LONGEST` windows are correlated at every lag, whatever the factor and the constant between two sensors are.
+So the last `HISTORY` windows are correlated at every lag, whatever the factor and the constant between two sensors are.
 A lag is believed only where the robot has turned to and fro enough that no other one explains as much.
 """
 
@@ -16,12 +16,13 @@ import numpy.typing as npt
 from fusion.buffer.events import Sensor
 from fusion.checks.windows import Window
 
-LONGEST = 80  # windows of half a second that are remembered
-EVERY = 8  # windows; so often they are correlated
-FEWEST = 20  # windows that two sensors must have in common at a lag
+# Not derived: `HISTORY`, `EVERY_WINDOWS`, `FEWEST_WINDOWS`, `RICH`, `LEFT`, `DISTINCT`.
+HISTORY = 80  # windows of half a second that are remembered
+EVERY_WINDOWS = 8  # windows; so often they are correlated
+FEWEST_WINDOWS = 20  # windows that two sensors must have in common at a lag
 RICH = 0.1  # rad/s, standard deviation of the turn rate; with less there is nothing to correlate
 LAGS = np.arange(-60, 61) / 10.0  # s
-ALIKE = 0.25  # s; lags no further apart are one, and shorter ones are what drivers take and the filter estimates
+SAME_LAG = 0.25  # s; lags no further apart are one, and shorter ones are what drivers take and the filter estimates
 LEFT = 0.15  # of the variance of the turn rate, which the best lag leaves unexplained at most, and every other more
 DISTINCT = 3.0  # times as much is left by every other lag, and by none
 
@@ -62,7 +63,7 @@ class TimeOffset:
     sensor, other : Sensor
     seconds : float
     since_ns : int
-        Stamp of the first turn that tells.
+        Stamp of the first turn that shows it.
     sure : bool
     """
 
@@ -74,17 +75,17 @@ class TimeOffset:
 
 
 def with_window(history: tuple[Turned, ...], turned: Turned) -> tuple[Turned, ...]:
-    """The last windows with one more; those before a gap tell no lag."""
+    """The last windows with one more; those before a gap give no lag."""
     joined = bool(history) and history[-1].t_ns == turned.start_ns
-    return (*history, turned)[-LONGEST:] if joined else (turned,)
+    return (*history, turned)[-HISTORY:] if joined else (turned,)
 
 
 def time_offset(history: tuple[Turned, ...]) -> TimeOffset | None:
-    """Whose clock is off: of three sensors the one beside two that go together; of two nobody can tell."""
+    """Whose clock is off: of three sensors the one beside two that go together; of two it is not known whose."""
     since_ns = history[0].start_ns if history else 0
     lags = {pair: lag for pair in combinations(Sensor, 2) if (lag := _lag(history, *pair)) is not None}
-    together = [set(pair) for pair, lag in lags.items() if abs(lag) < ALIKE]
-    off = [(pair, lag) for pair, lag in lags.items() if abs(lag) >= ALIKE]
+    together = [set(pair) for pair, lag in lags.items() if abs(lag) < SAME_LAG]
+    off = [(pair, lag) for pair, lag in lags.items() if abs(lag) >= SAME_LAG]
     for (sensor, other), lag in off:
         if any(other in pair and sensor not in pair for pair in together):
             return TimeOffset(sensor, other, lag, since_ns, sure=True)
@@ -94,26 +95,26 @@ def time_offset(history: tuple[Turned, ...]) -> TimeOffset | None:
 
 
 def _lag(history: tuple[Turned, ...], sensor: Sensor, other: Sensor) -> float | None:
-    """By how much later a sensor turns than another, s; None where that cannot be told."""
-    if len(history) < FEWEST:
+    """By how much later a sensor turns than another, s; None where that is unknown."""
+    if len(history) < FEWEST_WINDOWS:
         return None
     ends = np.array([history[0].start_ns, *(one.t_ns for one in history)], np.int64)
     t = (ends - ends[0]) * 1e-9
-    (turned, missing), (by_other, not_told) = (_summed(history, list(Sensor).index(one)) for one in (sensor, other))
+    (turned, missing), (by_other, not_measured) = (_summed(history, list(Sensor).index(one)) for one in (sensor, other))
     seconds, shifted = np.diff(t), t - LAGS[:, None]
     inside = (shifted[:, :-1] >= 0.0) & (shifted[:, 1:] <= t[-1])
-    known = inside & (np.diff(missing) == 0.0) & (np.diff(np.interp(shifted, t, not_told)) == 0.0)
+    known = inside & (np.diff(missing) == 0.0) & (np.diff(np.interp(shifted, t, not_measured)) == 0.0)
     rates, others = np.diff(turned) / seconds, np.diff(np.interp(shifted, t, by_other)) / seconds
     left = _unexplained(np.broadcast_to(rates, known.shape), others, known)
     best, none = int(np.argmin(left)), int(np.argmin(np.abs(LAGS)))
-    apart = left[(np.abs(LAGS - LAGS[best]) > 4.0 * ALIKE)]
+    apart = left[(np.abs(LAGS - LAGS[best]) > 4.0 * SAME_LAG)]
     if left[best] > LEFT or apart.min() < max(LEFT, DISTINCT * left[best]) or best in (0, LAGS.size - 1):
         return None
     return 0.0 if left[none] < DISTINCT * left[best] else float(LAGS[best])
 
 
 def _summed(history: tuple[Turned, ...], sensor: int) -> tuple[Floats, Floats]:
-    """By how much a sensor has turned at each end of a window, rad, and in how many windows it did not tell."""
+    """By how much a sensor has turned at each end of a window, rad, and in how many windows it did not measure."""
     turns = [one.turns[sensor] for one in history]
     missing = np.array([turn is None for turn in turns], float)
     known = np.array([turn or 0.0 for turn in turns])
@@ -127,5 +128,5 @@ def _unexplained(rates: Floats, others: Floats, known: npt.NDArray[np.bool_]) ->
     a = rates - (weight * rates).sum(axis=1, keepdims=True)
     b = others - (weight * others).sum(axis=1, keepdims=True)
     aa, bb, ab = ((weight * product).sum(axis=1) for product in (a * a, b * b, a * b))
-    rich = (count >= FEWEST) & (np.minimum(aa, bb) > RICH**2) & (ab > 0.0)
+    rich = (count >= FEWEST_WINDOWS) & (np.minimum(aa, bb) > RICH**2) & (ab > 0.0)
     return np.where(rich, 1.0 - ab**2 / np.where(rich, aa * bb, 1.0), 1.0)

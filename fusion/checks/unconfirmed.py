@@ -1,11 +1,11 @@
 """What the yaw owes to one sensor only, since two of them last agreed.
 
 A fault shows in the next image, or in the next window of turns. Until then the yaw follows the sensor that errs, and
-the filter's covariance does not know: for it the gyro is right. So the published variance also holds what is *news*
-since the last time that two sensors agreed: what the yaw has gone on by beyond
+the filter's covariance does not know: for it the gyro is right. So the published variance also holds what is
+*unconfirmed* since the last time that two sensors agreed: what the yaw has gone on by beyond
 
 - what the tracks say, which confirm or contradict a gyro at once; else, as long as no third sensor speaks,
-- the turn rate that was agreed on: a robot that turns on as before is no news,
+- the turn rate that was agreed on: that a robot turns on as before needs no confirmation,
 
 and beyond what the steps of an encoder are.
 
@@ -19,17 +19,18 @@ from dataclasses import dataclass, replace
 
 from compass import wrap_angle
 from fusion.buffer.events import Sensor
-from fusion.checks.isolation import CLEAR, DOUBT
-from fusion.checks.windows import SILENT_NS, Window
+from fusion.checks.alternative import ALTERNATIVE_PROBABILITY
+from fusion.checks.contradiction import CONTRADICTION_SIGMAS
+from fusion.checks.silence import PERIODS, RATE_SILENT_NS, SILENT_NS
+from fusion.checks.windows import Window
 from fusion.samples import OdometrySample
 
-LONGEST_NS = 1_000_000_000  # between two images of a slow camera
-PERIODS = 3  # of the images; after as many it has stopped, and the other sensor is alone, not unconfirmed
-ALIKE = 0.2  # of a turn; by less two that tell it need not differ to agree
+ALIKE = 0.2  # of a turn; by less two that measure it need not differ to agree; not derived
 ALIKE_TURN = 1e-3  # rad, nor by less than the steps of an encoder
-WELL_WITHIN = 0.5  # standard deviations; what is forgotten at each agreement adds up
-SLIP = 1.0  # standard deviations; by less slip what images, without a gyro, tell more exactly
-# Of the news, squared, where nobody else speaks: a sign reversed is twice as wrong, and stays within three sigmas.
+WELL_WITHIN = 0.5  # standard deviations; what is forgotten at each agreement adds up; not derived
+SLIP = 1.0  # standard deviations; by less slip what images, without a gyro, measure more exactly
+# Of what is unconfirmed, squared, where nobody else speaks: a sign reversed is twice as wrong, and stays within three
+# sigmas.
 REVERSED = (2.0 / 3.0) ** 2
 
 
@@ -117,7 +118,7 @@ class Unconfirmed:
     tracks: TracksSince | None = None
     blind_ns: int | None = None
     image_ns: int | None = None
-    pace_ns: int = LONGEST_NS
+    pace_ns: int = SILENT_NS
     noise: float = 0.0
     seen: Belief | None = None
 
@@ -127,7 +128,7 @@ class Unconfirmed:
 
     def with_image(self, now: Belief, *, accepted: bool) -> Unconfirmed:
         """After an image, whatever it says."""
-        pace_ns = LONGEST_NS if self.image_ns is None else min(now.t_ns - self.image_ns, LONGEST_NS)
+        pace_ns = SILENT_NS if self.image_ns is None else min(now.t_ns - self.image_ns, SILENT_NS)
         new = self if now.t_ns == self.image_ns else replace(self, image_ns=now.t_ns, pace_ns=pace_ns)
         return replace(new, seen=now) if accepted else new
 
@@ -140,8 +141,9 @@ class Unconfirmed:
 
         Not every one does: a camera's delay that is not known yet explains much at small rates.
         """
-        known = now.t_ns - self.since.t_ns <= LONGEST_NS
-        return not known or innovation**2 <= CLEAR**2 * variance + (ALIKE * (now.yaw - self.since.yaw)) ** 2
+        known = now.t_ns - self.since.t_ns <= SILENT_NS
+        turned = now.yaw - self.since.yaw
+        return not known or innovation**2 <= CONTRADICTION_SIGMAS**2 * variance + (ALIKE * turned) ** 2
 
     def agrees(self, now: Belief) -> bool:
         """Whether the tracks say the same since then, well within their noise."""
@@ -152,8 +154,10 @@ class Unconfirmed:
     def contradiction(self, now: Belief) -> float | None:
         """By how much the yaw has turned more than the tracks say, rad, where that cannot be their noise."""
         beyond = self._beyond(now)
-        clear = self.tracks is not None and self._witnessed(now)
-        return beyond if clear and beyond**2 > CLEAR**2 * (self.noise + self._by_scale(now) + ALIKE_TURN**2) else None
+        if self.tracks is None or not self._witnessed(now):
+            return None
+        noise = self.noise + self._by_scale(now) + ALIKE_TURN**2
+        return beyond if beyond**2 > CONTRADICTION_SIGMAS**2 * noise else None
 
     def _beyond(self, now: Belief) -> float:
         """By how much the yaw has turned since then more than the tracks say, rad."""
@@ -170,23 +174,26 @@ class Unconfirmed:
         return self if self.blind_ns is not None else replace(self, blind_ns=t_ns)
 
     def _witnessed(self, now: Belief) -> bool:
-        return self.tracks is not None and now.t_ns - self.tracks.last.t_ns <= SILENT_NS
+        return self.tracks is not None and now.t_ns - self.tracks.last.t_ns <= RATE_SILENT_NS
 
     def variance(self, now: Belief, *, images: bool) -> float:
-        """What it adds to that of the yaw, rad^2; `images`: no gyro, but images tell the turn, and tracks slip."""
+        """What it adds to that of the yaw, rad^2; `images`: no gyro, but images measure the turn, and tracks slip."""
         alike = ALIKE_TURN**2
         if self.tracks is not None and self._witnessed(now):
             beyond = self._beyond(now)
             alike += self._by_scale(now)
             if images:
-                news = DOUBT[Sensor.GYRO] * max(beyond**2 - alike - SLIP**2 * self.noise, 0.0)
-                return news + (self._beyond_rate(self.seen, now) if self.seen else 0.0)
-            return DOUBT[Sensor.GYRO] * max(beyond**2 - alike, 0.0)
+                beyond_slip = ALTERNATIVE_PROBABILITY[Sensor.GYRO] * max(beyond**2 - alike - SLIP**2 * self.noise, 0.0)
+                return beyond_slip + (self._beyond_rate(self.seen, now) if self.seen else 0.0)
+            return ALTERNATIVE_PROBABILITY[Sensor.GYRO] * max(beyond**2 - alike, 0.0)
         last_ns = self.since.t_ns if self.image_ns is None else self.image_ns
         if self.blind_ns is None and now.t_ns - last_ns > PERIODS * self.pace_ns:
-            return 0.0
-        unseen_ns = 0 if self.blind_ns is None else min(now.t_ns - self.blind_ns, LONGEST_NS)
-        return self._beyond_rate(self.since, now) + DOUBT[Sensor.GYRO] * (self.rate_sigma * unseen_ns * 1e-9) ** 2
+            return 0.0  # the camera has stopped, and the other sensor is alone, not unconfirmed
+        unseen_ns = 0 if self.blind_ns is None else min(now.t_ns - self.blind_ns, SILENT_NS)
+        return (
+            self._beyond_rate(self.since, now)
+            + ALTERNATIVE_PROBABILITY[Sensor.GYRO] * (self.rate_sigma * unseen_ns * 1e-9) ** 2
+        )
 
     @staticmethod
     def _beyond_rate(since: Belief, now: Belief) -> float:

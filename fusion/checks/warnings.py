@@ -83,16 +83,16 @@ class WarningLog:
 
     def note(self, warnings: Iterable[Warning]) -> list[Warning]:
         """Take in what is wrong at present; returns those that were not known before."""
-        news = []
+        new = []
         for warning in warnings:
             key = warning.code, warning.sensor
             known = self._known.get(key)
             if known is None:
-                news.append(warning)
+                new.append(warning)
                 self._known[key] = warning
             elif known.text != warning.text:
                 self._known[key] = Warning(warning.code, warning.sensor, known.since_ns, warning.text)
-        return news
+        return new
 
     def clear(self) -> None:
         """Forget all."""

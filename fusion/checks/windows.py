@@ -11,16 +11,17 @@ from dataclasses import dataclass, field, replace
 
 from compass import YawIncrement
 from fusion.buffer.events import Sensor
+from fusion.checks.silence import SILENT_NS
 from fusion.samples import GyroSample, OdometrySample
 from fusion.state.ekf import State, YawEkf
 from fusion.updates.standstill import CompassTurn
 
-WINDOW_NS = 500_000_000
+WINDOW_NS = 500_000_000  # not derived
+# Not derived: `LONGEST_WINDOW_NS`, `LONGEST_GAP`, `BEYOND`, `SAME_NUMBER`.
 LONGEST_WINDOW_NS = 5_000_000_000  # a sensor's integral over longer says more of its noise than of the turn
-SILENT_NS = 500_000_000  # gyro or tracks; longer than the gap between two images of a slow camera
-COMPASS_SILENT_NS = 1_000_000_000  # then the odometry ends the windows
+
 LONGEST_GAP = 0.4  # of a window, in which an integrated sensor may have been silent and still be a witness
-FASTEST = 4.0 * math.pi  # rad/s; two turns a second, faster than tracked robots spin
+FASTEST_ROBOT = 4.0 * math.pi  # rad/s; two turns a second, faster than tracked robots spin
 BEYOND = 4  # one sample in so many of a window beyond that is no spike
 SAME_NUMBER = 10  # samples in a row that are one number: no gyro that works does that
 SAME = 1e-6  # rad/s; less than any gyro's least step, more than one number varies when it is levelled
@@ -45,7 +46,7 @@ class RateTurn:
     gap_ns : int
         Longest time between two samples.
     count, repeats, beyond : int
-        How many samples; how many at the end were the same number; how many were beyond `FASTEST`.
+        How many samples; how many at the end were the same number; how many were beyond `FASTEST_ROBOT`.
     """
 
     start_ns: int
@@ -75,7 +76,7 @@ class RateTurn:
             max(self.gap_ns, dt_ns),
             self.count + 1,
             self.repeats + 1 if abs(rate - self.rate) <= SAME else 0,
-            self.beyond + (abs(rate) > FASTEST),
+            self.beyond + (abs(rate) > FASTEST_ROBOT),
         )
 
     def anew(self, t_ns: int) -> RateTurn:
@@ -191,7 +192,7 @@ class Turns:
         """Whether an odometry sample of this stamp ends the window, as no image does."""
         if self.start_ns is None:
             return True
-        silent = self.compass_ns is None or t_ns - self.compass_ns > COMPASS_SILENT_NS
+        silent = self.compass_ns is None or t_ns - self.compass_ns > SILENT_NS
         return silent and t_ns - self.start_ns >= WINDOW_NS
 
 

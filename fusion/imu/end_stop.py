@@ -7,6 +7,7 @@ import math
 _SMALLEST = math.radians(20.0)  # rad/s, the smallest full scale on the market
 _RANGES = [math.radians(r) for r in (125.0, 250.0, 300.0, 450.0, 500.0, 1000.0, 2000.0)]  # usual full scales
 _NEAR = 0.002  # of the full scale: 32767 steps of 1/16.4 deg/s end at 1998 deg/s
+# Not derived: `_RUN`, `_ENOUGH`.
 _RUN = 3  # equal values in a row
 _REPEATS = 0.2  # of the samples, at most, are equal to the one before: noise of 1.5 steps of the converter and more
 # Of the samples, at least, whose acceleration changes to and fro: 0.7 of white noise however the robot turns, few of
@@ -16,7 +17,7 @@ _ENOUGH = 50  # samples to know that
 
 
 class EndStop:
-    """One axis. A gyro without noise repeats every constant rate: only a usual full scale tells its end stop.
+    """One axis. A gyro without noise repeats every constant rate: its end stop can only be at a usual full scale.
 
     Attributes
     ----------

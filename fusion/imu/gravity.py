@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from compass.tilt import Vector
+from fusion.checks.silence import RATE_SILENT_NS
 from fusion.imu.vectors import cross, dot, turned, unit, vector
 
-LONGEST_STEP_NS = 500_000_000  # over a longer silence the turn is unknown: the accelerometer alone decides
-_YOUNG = 3.0  # s; from less a start would be taken for a bias
+_YOUNG = 3.0  # s; from less a start would be taken for a bias; not derived
 # What gravity measures in the units that drivers use; milli-g and cm/s^2 differ by less than accelerometers err.
 _UNITS = ((9.80665, "m/s^2"), (1.0, "g"), (1000.0, "milli-g or cm/s^2"), (9806.65, "mm/s^2"))
 # A cheap accelerometer errs by 0.5 m/s^2 and 3 %, a robot's own acceleration by little once averaged.
@@ -20,7 +20,7 @@ class Gravity:
     """Complementary filter: the last vertical turned with the gyro, then drawn towards the accelerometer.
 
     What the gyro's bias does to it time after time is learnt (Mahony, Hamel & Pflimlin 2008,
-    doi:10.1109/TAC.2008.923738): it would lean by the bias times `seconds`.
+    doi:10.1109/TAC.2008.923738): it would be off by the bias times `seconds`.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ class Gravity:
 
     @property
     def silent(self) -> bool:
-        """Whether the accelerometer has told nothing for longer than the gyro alone can hold the vertical."""
+        """Whether the accelerometer has been silent for longer than the gyro alone can hold the vertical."""
         return self._direction is None or self._silence > self._seconds
 
     @property
@@ -70,7 +70,7 @@ class Gravity:
         """Take in a reading: time since the last, ns; angular velocity, rad/s; specific force, any unit."""
         force = unit(acceleration)
         self._turn(step_ns, rate, force)
-        seconds = min(max(step_ns, 0), LONGEST_STEP_NS) * 1e-9
+        seconds = min(max(step_ns, 0), RATE_SILENT_NS) * 1e-9
         self._silence = 0.0 if force else self._silence + seconds
         if force and acceleration is not None and self._direction:
             along = dot(vector(acceleration), self._direction)
@@ -79,7 +79,7 @@ class Gravity:
             self._heard = min(self._heard + max(seconds, 1e-3), self._seconds)
 
     def _turn(self, step_ns: int, rate: Vector, force: Vector | None) -> None:
-        if self._direction is None or not 0 <= step_ns <= LONGEST_STEP_NS:
+        if self._direction is None or not 0 <= step_ns <= RATE_SILENT_NS:
             self._direction, self._age = force or self._direction, 0.0
             return
         dt = step_ns * 1e-9

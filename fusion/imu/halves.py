@@ -7,7 +7,7 @@ _CERTAIN = 6  # changes from one half to the other; a robot that pulls up once m
 
 
 class Halves:
-    """Tells a gyro that measures exactly zero from a message that carries none.
+    """Distinguishes a gyro that measures exactly zero from a message that carries none.
 
     A simulated gyro at rest, or a stuck one, says zero beside an accelerometer that says gravity; but then that
     accelerometer does not fall silent, to the last bit, whenever the gyro speaks. One message that brings both ends it.

@@ -8,13 +8,14 @@ from dataclasses import dataclass
 
 from compass.parameters import ParameterSet, parameter
 from compass.tilt import Vector
-from fusion.buffer.events import FASTEST
+from fusion.buffer.events import NONSENSE_RATE
 from fusion.checks.warnings import Warning
 from fusion.imu.end_stop import EndStop
 from fusion.imu.gravity import Gravity
 from fusion.imu.halves import Halves
 from fusion.imu.orientation import Orientation
 from fusion.imu.robot_axes import RobotAxes
+from fusion.imu.tilt import STEEPEST_SQUARED
 from fusion.imu.vectors import AXES, dot, nearest_axis, vector
 from fusion.imu.warnings import Complaints
 from fusion.samples import GyroSample
@@ -50,14 +51,14 @@ class ImuLevel:
     Technology, eq. 3.52). It is causal: the same samples give the same rates and warnings, live or from a bag.
 
     What the driver's fields really hold is looked at, not taken for granted: an accelerometer without gravity, an
-    orientation that does not move with the gyro, and messages that carry half of the IMU tell nothing.
+    orientation that does not move with the gyro, and messages that carry half of the IMU are left out.
 
     Attributes
     ----------
     up : (3,) tuple of float or None
-        The vertical in the IMU's frame; None while nothing has told it, and the IMU's z axis is taken.
+        The vertical in the IMU's frame; None while it is not known, and the IMU's z axis is taken.
     source : str
-        What told it last: ``orientation``, ``gravity``, an axis by `ImuConfig.up`, or ``none``.
+        Where it came from last: ``orientation``, ``gravity``, an axis by `ImuConfig.up`, or ``none``.
     """
 
     def __init__(self, config: ImuConfig | None = None) -> None:
@@ -118,7 +119,7 @@ class ImuLevel:
         if not carries:
             return None
         variance = None
-        if all(abs(r) <= FASTEST for r in rate):  # false for NaN, too; nonsense would tilt the vertical for long
+        if all(abs(r) <= NONSENSE_RATE for r in rate):  # false for NaN, too; nonsense would tilt the vertical for long
             step_ns = 0 if self._t_ns is None else t_ns - self._t_ns
             self._t_ns = t_ns
             self._gravity.follow(step_ns, rate, force)
@@ -164,15 +165,15 @@ class ImuLevel:
         if found is not None:
             self.up, self.source = found, source
         elif self.source == "orientation" and config == "auto" and orientation.unlike_gyro:
-            self._forget_up()  # it never told the vertical
+            self._forget_up()  # it never was the vertical
         elif self.source == "gravity" and not self._gravity.settled:
             self._forget_up()  # taken from too few samples
 
     @property
     def _known(self) -> bool:
-        """Whether the vertical is told at present."""
-        told = {"orientation": self._orientation.up, "gravity": self._gravity.up, "none": None}
-        return told.get(self.source, self.up) is not None
+        """Whether the vertical is measured or given at present."""
+        measured = {"orientation": self._orientation.up, "gravity": self._gravity.up, "none": None}
+        return measured.get(self.source, self.up) is not None
 
     def _variance(self, rate: Vector) -> float | None:
         """Of a sample whose gyro is at an end stop, (rad/s)^2: the rate may be twice as high; None of any other."""
@@ -181,13 +182,13 @@ class ImuLevel:
 
     def _yaw_rate(self, rate: Vector) -> float:
         """Rate of heading of the forward axis, rad/s."""
-        up = self.up or AXES["+z"]  # nothing tells the vertical: REP-103 says z
+        up = self.up or AXES["+z"]  # the vertical is not known: REP-103 says z
         if self._forward is None and self.up is not None:
             self._forward = AXES["+x"] if abs(up[0]) < math.sqrt(0.5) else AXES["+y"]
         forward = self._forward or AXES["+x"]
         tilt = dot(up, forward)
         level = 1.0 - tilt * tilt
-        if level < 0.1:  # forward points at the sky: it has no heading
+        if level < STEEPEST_SQUARED:  # forward points at the sky: it has no heading
             return dot(up, rate)
         return (dot(up, rate) - tilt * dot(forward, rate)) / level
 
@@ -216,23 +217,23 @@ class ImuLevel:
 
     def _stop_words(self) -> str:
         stops = {axis: stop.value for axis, stop in zip("xyz", self._stops, strict=True) if stop.value}
-        told = ", ".join(
+        named = ", ".join(
             f"{axis} at {value:.4g} rad/s ({math.degrees(value):.0f} deg/s)" for axis, value in stops.items()
         )
         return (
-            f"the gyro's axis {told} repeats its greatest value to the last bit: at its end stop, the true rate may be"
+            f"the gyro's axis {named} repeats its greatest value to the last bit: at its end stop, the true rate may be"
             " anything beyond; set a larger range in the driver, or turn more slowly"
         )
 
     def _unknown_words(self) -> str:
         kept = "the gyro's +z axis was taken" if self.up is None else "the last known vertical was kept"
         return (
-            f"where up is in the IMU's frame is told by nothing: {self._no_gravity()}; {self._no_orientation()}."
+            f"where up is in the IMU's frame is not known: {self._no_gravity()}; {self._no_orientation()}."
             f" So {kept}; say which axis points up with `imu.up`, such as `imu.up: +z`"
         )
 
     def _no_gravity(self) -> str:
-        """Why the accelerometer tells no vertical."""
+        """Why the accelerometer gives no vertical."""
         if self._gravity.silent:
             return "no accelerations (zero, not finite, or their covariance begins with -1)"
         return (
@@ -241,7 +242,7 @@ class ImuLevel:
         )
 
     def _no_orientation(self) -> str:
-        """Why the orientation tells no vertical."""
+        """Why the orientation gives no vertical."""
         if self._orientation.up is None:
             return "no orientation (no unit quaternion, or its covariance begins with -1)"
         return "the orientation does not turn as the gyro does"
@@ -266,7 +267,7 @@ class ImuLevel:
             seen = f"says up is {math.degrees(math.acos(cosine)):.0f} deg off where gravity says"
         return (
             f"the IMU's orientation {seen} (never set, the yaw only, or in another frame?) and was left out;"
-            f" up is told by {self.vertical}; if the orientation is right: `imu.up: orientation`"
+            f" up is taken from {self.vertical}; if the orientation is right: `imu.up: orientation`"
         )
 
 

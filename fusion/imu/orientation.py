@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 
 from compass.tilt import Vector
-from fusion.imu.gravity import LONGEST_STEP_NS
+from fusion.checks.silence import RATE_SILENT_NS
 from fusion.imu.vectors import dot, turned, unit
 
 # 5 deg between orientation and gravity, as root mean square over `gravity_time`: attitude filters keep to 1 deg of it
@@ -93,7 +93,7 @@ class Orientation:
             return
         north, self.up = seen
         dt = step_ns * 1e-9
-        if not self._known or not 0 <= step_ns <= LONGEST_STEP_NS:
+        if not self._known or not 0 <= step_ns <= RATE_SILENT_NS:
             self._known, self._block = True, 0.0
             self._north.begin(north)
             self._up.begin(self.up)
@@ -103,7 +103,7 @@ class Orientation:
             self._off = self._age = 0.0
             return
         off = _chord2(self.up, gravity)
-        dt = min(max(dt, 0.0), 1e-9 * LONGEST_STEP_NS)
+        dt = min(max(dt, 0.0), 1e-9 * RATE_SILENT_NS)
         self._off += (dt / (self._age + dt) if self._age else 1.0) * (off - self._off)
         self._age = min(self._age + max(dt, 1e-3), self._seconds)
 

@@ -1,14 +1,14 @@
-"""How the IMU is mounted, told by the axis about which the robot turns."""
+"""How the IMU is mounted, by the axis about which the robot turns."""
 
 from __future__ import annotations
 
 import math
 
 from compass.tilt import Vector
-from fusion.imu.gravity import LONGEST_STEP_NS
+from fusion.checks.silence import RATE_SILENT_NS
 from fusion.imu.vectors import AXES, cross, dot, unit
 
-_TELLING = 0.5  # rad of turning that tell the robot's own axis
+_TELLING = 0.5  # rad of turning that show the robot's own axis; not derived
 # How near to the vertical (cosines) an axis of the IMU begins that is taken for the robot's own, and the turning (rad)
 # that this counts for. Within 10 deg it is mounted right to 2 deg, and bumps of 6 deg turn the robot about other axes
 # by 0.1 rad in all. From 18 to 35 deg it counts for little, slope or IMU pitched on purpose: to guess wrong costs
@@ -18,15 +18,16 @@ _ALIGNED = (
     (math.cos(math.radians(10.0)), 1.0, 0.1 / math.radians(2.0)),
     (math.cos(math.radians(35.0)), math.cos(math.radians(18.0)), 0.1),
 )
+# Not derived: `_TURNING`, `_MOSTLY`.
 _TURNING = 0.3  # rad/s; slower, and the gyro's bias counts
 _MOSTLY = 0.7  # of the rate is about the vertical when a robot turns; else it tips over an edge
 
 
 class RobotAxes:
-    """Tells a robot that leans from an IMU that is mounted askew, by the axis about which the robot turns.
+    """Distinguishes a tilted robot from an IMU that is mounted askew, by the axis about which the robot turns.
 
     At first that is taken to be the axis of the IMU next to the vertical, firmly within 10 deg of it, loosely from 18
-    to 35 deg; where there is none, nothing is said of the lean until the robot has turned by 0.5 rad.
+    to 35 deg; where there is none, the tilt is not known until the robot has turned by 0.5 rad.
     """
 
     def __init__(self) -> None:
@@ -40,7 +41,7 @@ class RobotAxes:
             counts = next((counts for low, high, counts in _ALIGNED if low <= cosine <= high + 1e-9), 0.0)
             self._aligned = counts**2 * x, counts**2 * y, counts**2 * z
         turning = dot(up, rate)
-        if abs(turning) < max(_TURNING, _MOSTLY * math.sqrt(dot(rate, rate))) or not 0 < step_ns <= LONGEST_STEP_NS:
+        if abs(turning) < max(_TURNING, _MOSTLY * math.sqrt(dot(rate, rate))) or not 0 < step_ns <= RATE_SILENT_NS:
             return
         turn = math.copysign(step_ns * 1e-9, turning)
         (x, y, z), (wx, wy, wz) = self._turned, rate

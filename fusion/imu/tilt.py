@@ -1,7 +1,7 @@
-"""A robot that leans: what its camera and tracks measure are turns about its own axis, not changes of its heading.
+"""A tilted robot: what its camera and tracks measure are turns about its own axis, not changes of its heading.
 
 On a floor that has sunk by 20 deg the two differ by up to 1.8 deg within a quarter turn, and by 6 % in rate.
-How it leans is told by the vertical in its own frame (x forward, y left, z up): ``(0, 0, 1)`` on level ground.
+The tilt is given by the vertical in the robot's frame (x forward, y left, z up): ``(0, 0, 1)`` on level ground.
 """
 
 from __future__ import annotations
@@ -10,19 +10,20 @@ import math
 from collections import deque
 from dataclasses import dataclass
 
+from compass.config import CompassConfig
 from compass.tilt import Tilted, Vector, about_z
 from fusion.samples import GyroSample
 
-TILT_ERROR = 0.02  # rad, of roll and pitch as IMUs tell them
-LATELY = 2000  # samples that are remembered, of a fast gyro those of two seconds
-NEAR_NS = 100_000_000  # for so long about a sample the robot leans as it did then
-LATEST_NS = 10_000_000  # before an image: what is younger may or may not have come, and must not decide
+TILT_ERROR = CompassConfig.tilt_sigma  # rad, of roll and pitch as IMUs measure them; the parameter's default
+LOG_LENGTH = 2000  # samples that are remembered, of a fast gyro those of two seconds
+NEAR_NS = 100_000_000  # for so long about a sample the robot's tilt is taken for that of the sample
+SETTLED_NS = 10_000_000  # before an image: what is younger may or may not have come, and must not decide
 NOTICED = 0.005  # of a bias; a hundredth of what a gyro has is nothing
-STEEPEST = 0.1  # squared cosine of the nose's pitch, cosine of a robot on its side; beyond, a heading is none
+STEEPEST_SQUARED = 0.1  # squared cosine of the nose's pitch, cosine of a robot on its side; beyond, a heading is none
 
 
 def heading_change(up: Vector, turn: float, tilt: tuple[float, float] = (0.0, 0.0)) -> float:
-    """Change of heading of a robot that leans, then tilts, then turns; rad, within half a turn of `turn`.
+    """Change of heading of a tilted robot that tilts further, then turns; rad, within half a turn of `turn`.
 
     Parameters
     ----------
@@ -45,7 +46,7 @@ def tilt_angle(up: Vector) -> float:
 def heading_gain(up: Vector) -> float:
     """Rate of the heading over that of a turn about the robot's own axis."""
     level = 1.0 - up[0] ** 2
-    return up[2] / level if level >= STEEPEST else 1.0
+    return up[2] / level if level >= STEEPEST_SQUARED else 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,13 +57,13 @@ class BiasGain:
     cross: float = 0.0
 
     @staticmethod
-    def leaning(up: Vector) -> BiasGain:
-        """Of a robot that leans so that `up` is vertical, see `heading_gain`."""
+    def tilted(up: Vector) -> BiasGain:
+        """Of a robot in whose frame `up` is the vertical, see `heading_gain`."""
         level = 1.0 - up[0] ** 2
-        return BiasGain(up[2] / level, up[1] / level) if min(level, up[2]) >= STEEPEST else BiasGain()
+        return BiasGain(up[2] / level, up[1] / level) if min(level, up[2]) >= STEEPEST_SQUARED else BiasGain()
 
     def differs(self, other: BiasGain) -> bool:
-        """Whether the robot leans otherwise by more than matters."""
+        """Whether the tilt is another by more than matters."""
         return abs(self.own - other.own) + abs(self.cross - other.cross) > NOTICED
 
 
@@ -72,10 +73,10 @@ def up_later(up: Vector, rate: float, seconds: float) -> Vector:
 
 
 class TiltLog:
-    """How the robot leant lately, written by one thread and read by another."""
+    """The robot's tilt of late, written by one thread and read by another."""
 
     def __init__(self) -> None:
-        self._samples: deque[tuple[int, Vector, float]] = deque(maxlen=LATELY)
+        self._samples: deque[tuple[int, Vector, float]] = deque(maxlen=LOG_LENGTH)
 
     def add(self, sample: GyroSample) -> None:
         """Take in what a sample says of the vertical, if it says anything."""
@@ -83,8 +84,8 @@ class TiltLog:
             self._samples.append((sample.t_ns, sample.up, sample.yaw_rate))
 
     def at(self, t_ns: int) -> Vector | None:
-        """The vertical at a stamp, ns, from the last sample before it but for `LATEST_NS`; None where none was near."""
-        latest_ns = t_ns - LATEST_NS
+        """The vertical at a stamp, ns, by the last sample `SETTLED_NS` or more before it; None where none was near."""
+        latest_ns = t_ns - SETTLED_NS
         before = (sample for sample in list(self._samples) if latest_ns - NEAR_NS <= sample[0] <= latest_ns)
         found = max(before, default=None)
         return found and up_later(found[1], found[2], (t_ns - found[0]) * 1e-9)

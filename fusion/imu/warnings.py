@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 from fusion.checks.warnings import Warning
 
+# Not derived: `SETTLE_NS`, `REMEMBERED_NS`.
 SETTLE_NS = 1_000_000_000  # a state that lasts for less is a start, not a fault
 REMEMBERED_NS = 10_000_000_000  # an event is present for so long after it came last
 _EVENTS = 5  # single nonsense is refused and counted elsewhere

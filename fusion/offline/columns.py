@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from fusion.checks.warnings import Warning, WarningLog
 from fusion.imu.levelling import ImuLevel
-from fusion.messages import NOTHING, MessageError, imu_reading, odometry_sample
+from fusion.messages import NO_VECTOR, MessageError, imu_reading, odometry_sample
 from fusion.offline.bag import Bag, BagError, Message, Topic
 from fusion.offline.clock_steps import Recorded
 from fusion.offline.streams import Floats, Times
@@ -68,7 +68,7 @@ class Columns:
 
 def _imu_row(message: Any) -> tuple[int, tuple[float, ...]]:
     reading = imu_reading(message)
-    rate, force = reading.angular_velocity or NOTHING, reading.linear_acceleration or NOTHING
+    rate, force = reading.angular_velocity or NO_VECTOR, reading.linear_acceleration or NO_VECTOR
     return reading.t_ns, (*rate, *force, *(reading.orientation or (np.nan,) * 4))
 
 

@@ -14,7 +14,7 @@ import numpy.typing as npt
 from compass.images.decode import Image
 from compass.tilt import Vector
 from fusion.checks.warnings import Warning
-from fusion.imu.tilt import LATEST_NS, NEAR_NS, up_later
+from fusion.imu.tilt import NEAR_NS, SETTLED_NS, up_later
 from fusion.samples import GyroSample, OdometrySample
 
 Floats = npt.NDArray[np.float64]
@@ -54,8 +54,8 @@ class GyroTrack:
 
     def up_at(self, t_ns: int) -> Vector | None:
         """The vertical in the robot's frame at a stamp, ns, as `TiltLog` knows it then."""
-        before = int(np.searchsorted(self.t_ns, t_ns - LATEST_NS, side="right")) - 1
-        if before < 0 or int(self.t_ns[before]) < t_ns - LATEST_NS - NEAR_NS:
+        before = int(np.searchsorted(self.t_ns, t_ns - SETTLED_NS, side="right")) - 1
+        if before < 0 or int(self.t_ns[before]) < t_ns - SETTLED_NS - NEAR_NS:
             return None
         x, y, z = self.up[before].tolist()
         seconds = (t_ns - int(self.t_ns[before])) * 1e-9

@@ -21,7 +21,7 @@ from fusion.offline.warning_history import Warned
 KNOWN_DELAY = 0.005  # s, standard deviation of a camera delay that was learnt
 MOST_LINES = 5  # warnings on the screen; more than a handful is not read
 SMALL_DELAY = 0.005  # s, as much as stamps stray anyway
-SMALL_LEAN = 8.0  # deg; such a lean changes a heading by 0.3 deg
+SMALL_TILT = 8.0  # deg; such a tilt changes a heading by 0.3 deg
 
 
 def summarise(run: FusedRun, recording: BagRecording) -> dict[str, Any]:
@@ -53,7 +53,7 @@ def summarise(run: FusedRun, recording: BagRecording) -> dict[str, Any]:
         "duration_s": float((t_ns[-1] - t_ns[0]) * 1e-9) if t_ns.size else 0.0,
         "gyro_vertical": recording.vertical,
         "vertical_words": recording.vertical_words if run.gyro.t_ns.size else None,
-        "greatest_lean_deg": _greatest_lean_deg(run.gyro),
+        "greatest_tilt_deg": _greatest_tilt_deg(run.gyro),
         "truth_turned_deg": None if run.truth is None else _deg(run.truth.yaw[-1] - run.truth.yaw[0]),
         "yaw": yaws,
         "gyro_bias_rad_s": last and last.gyro_bias,
@@ -122,10 +122,10 @@ def remarks(summary: dict[str, Any]) -> list[str]:
 
 
 def _tilt_remark(summary: dict[str, Any]) -> str | None:
-    lean = summary["greatest_lean_deg"]
-    if lean is None or lean < SMALL_LEAN:
+    tilt = summary["greatest_tilt_deg"]
+    if tilt is None or tilt < SMALL_TILT:
         return None
-    return f"the robot leant by up to {lean:.0f} deg; its turns were made changes of heading (if it did not: `imu.up`)"
+    return f"the robot was tilted by up to {tilt:.0f} deg; turns were made changes of heading (if it was not: `imu.up`)"
 
 
 def _gap_remark(summary: dict[str, Any]) -> str | None:
@@ -143,8 +143,8 @@ def _delay_remark(summary: dict[str, Any]) -> str | None:
     return f"images are stamped {1e3 * delay:.0f} +- {1e3 * sigma:.1f} ms after their exposure; taken into account"
 
 
-def _greatest_lean_deg(gyro: GyroTrack) -> float | None:
-    """How far the robot leant at most; None where that is never known."""
+def _greatest_tilt_deg(gyro: GyroTrack) -> float | None:
+    """Largest tilt of the robot; None where that is never known."""
     known = gyro.up[np.isfinite(gyro.up[:, 0])]
     return max((math.degrees(tilt_angle(tuple(up))) for up in known.tolist()), default=None)
 

@@ -19,7 +19,7 @@ import numpy.typing as npt
 
 Array = npt.NDArray[np.float64]
 STEPS = np.arange(7.0) / 6.0  # from the configured standard deviation to the least, by their logarithm, all as likely
-NOTHING = 1e9  # variance of a measurement that tells nothing, in units of the prior's
+UNINFORMATIVE = 1e9  # variance of an uninformative measurement, in units of the prior's
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,14 +45,15 @@ class BiasPrior:
         a, b = own[0] + R[0][:, None], own[1] + R[1][None, :]
         det = a * b - c**2
         S_inv = np.stack([b / det, -c / det + 0.0 * a, a / det])  # of the innovations, symmetric
-        told = np.stack([S_inv[0] * m[0] + S_inv[1] * m[1], S_inv[1] * m[0] + S_inv[2] * m[1]])
-        evidence = narrow[0][:, None] + narrow[1][None, :] - 0.5 * np.log(det) - 0.5 * (m[0] * told[0] + m[1] * told[1])
+        weighted = np.stack([S_inv[0] * m[0] + S_inv[1] * m[1], S_inv[1] * m[0] + S_inv[2] * m[1]])
+        misfit = m[0] * weighted[0] + m[1] * weighted[1]
+        evidence = narrow[0][:, None] + narrow[1][None, :] - 0.5 * np.log(det) - 0.5 * misfit
         weight = np.exp(evidence - evidence.max())
         weight /= weight.sum()
-        # over the mixture: x - G told, P - G S_inv G' and the spread of the means
+        # over the mixture: x - G S_inv m, P - G S_inv G' and the spread of the means
         G = P[:, states] / sigmas
-        mean = (weight * told).sum(axis=(1, 2))
-        off = told - mean[:, None, None]
+        mean = (weight * weighted).sum(axis=(1, 2))
+        off = weighted - mean[:, None, None]
         shrunk = (weight * S_inv).sum(axis=(1, 2))
         spread = (weight * np.stack([off[0] ** 2, off[0] * off[1], off[1] ** 2])).sum(axis=(1, 2))
         change = (spread - shrunk)[[0, 1, 1, 2]].reshape(2, 2)
@@ -63,5 +64,5 @@ class BiasPrior:
 def _narrower(sigmas: tuple[float, float], least: tuple[float, float]) -> tuple[Array, Array]:
     """Of either error and each deviation, (2, 7): variance of the measurement of zero, and the evidence's constant."""
     shares = np.minimum(np.array(least) / np.array(sigmas), 1.0)[:, None] ** STEPS
-    R = np.minimum(shares**2 / np.maximum(1.0 - shares**2, 1.0 / NOTHING), NOTHING)
+    R = np.minimum(shares**2 / np.maximum(1.0 - shares**2, 1.0 / UNINFORMATIVE), UNINFORMATIVE)
     return R, -np.log(shares) + 0.5 * np.log(R)

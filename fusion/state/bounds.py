@@ -9,7 +9,8 @@ import numpy.typing as npt
 
 Array = npt.NDArray[np.float64]
 LONGEST_STEP = 3600.0  # s; after a longer silence nothing is less known than after this: scale, bias and delay walk
-LOST = 100.0  # rad, 16 turns: a yaw less well known is not known; its square leaves 12 digits to differences of yaws
+# rad, 16 turns: a yaw less well known is not known; its square leaves 12 digits to differences of yaws
+LOST_YAW = 100.0
 ROUNDING = 1e-12  # of a state's variance, lost to rounding at most when two that nearly cancel are subtracted
 LOOSE = 1e-9  # of a state's variance, by which states are made a little less alike that rounding can't tell apart
 
@@ -21,15 +22,15 @@ def symmetric(P: Array) -> Array:
 
 
 def limit_turn(F: Array, Q: Array, P: Array, yaw: int) -> None:
-    """Limit to `LOST` what a step of transition F and process noise Q, from covariance P, adds to the yaw's sigma.
+    """Limit to `LOST_YAW` what a step of transition F and process noise Q, from covariance P, adds to the yaw's sigma.
 
     The yaw's change, noise and all, is scaled down: what is left is the covariance of a robot that turned by less.
     """
     change = F[yaw].copy()
     change[yaw] = 0.0
     variance = float(change @ P @ change) + float(Q[yaw, yaw])
-    if variance > LOST**2:
-        share = LOST / math.sqrt(variance)
+    if variance > LOST_YAW**2:
+        share = LOST_YAW / math.sqrt(variance)
         F[yaw] = share * change
         F[yaw, yaw] = 1.0
         Q[yaw] *= share
@@ -37,15 +38,15 @@ def limit_turn(F: Array, Q: Array, P: Array, yaw: int) -> None:
 
 
 def forget_beyond(P: Array, yaw: int, yaws: npt.NDArray[np.bool_]) -> Array | None:
-    """Transformation of the errors that limits the yaw's sigma to `LOST`; None where it is below.
+    """Transformation of the errors that limits the yaw's sigma to `LOST_YAW`; None where it is below.
 
     Past yaws keep their difference to the present one, and its uncertainty.
     """
     variance = float(P[yaw, yaw])
-    if variance <= LOST**2:
+    if variance <= LOST_YAW**2:
         return None
     T = np.eye(len(P))
-    T[yaws, yaw] -= 1.0 - LOST / math.sqrt(variance)
+    T[yaws, yaw] -= 1.0 - LOST_YAW / math.sqrt(variance)
     return T
 
 
@@ -57,7 +58,7 @@ def rounding(H: Array, P: Array) -> float:
 def blurred(P: Array, by: Array) -> Array:
     """A covariance with what rounding may have lost of the variances `by`, which went into it; symmetric."""
     P = symmetric(P)
-    P[np.diag_indices(len(P))] += ROUNDING * by
+    P.reshape(-1)[:: len(P) + 1] += ROUNDING * by  # the diagonal
     return P
 
 

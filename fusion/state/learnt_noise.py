@@ -9,9 +9,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 JITTERS = tuple(1e-4 * 10.0 ** (k / 4.0) for k in range(12))  # s, 0.1 to 56 ms of timestamp jitter
+# Not derived: `JITTER_MEMORY`, `JITTER_TAIL`, `FACTOR_TAIL`.
 JITTER_MEMORY = 300  # images while turning
 JITTER_TAIL = 10.0  # degrees of freedom of their innovations, which have other reasons, too
 FACTORS = tuple(2.0 ** (k / 2.0) for k in range(-8, 5))  # 1/16 to 4, on what is configured
@@ -65,11 +66,13 @@ class LearntNoise:
     def after(self, innovation: float, others: float, gain: float) -> LearntNoise:
         """After an innovation in which it shows `gain` times; `others` is the variance for all other reasons."""
         if not self.weights or (self.values[-1] * gain) ** 2 < others:
-            return self  # it tells nothing
-        keep, weights = 1.0 - 1.0 / self.memory, []
+            return self  # uninformative
+        keep, tail, squared, log = 1.0 - 1.0 / self.memory, self.tail, innovation**2, math.log
+        weights = []
         for weight, prior, sigma in zip(self.weights, self.prior, self.values, strict=True):
             S = others + (sigma * gain) ** 2
-            likelihood = -0.5 * math.log(S) - 0.5 * (self.tail + 1.0) * math.log1p(innovation**2 / (self.tail * S))
+            likelihood = -0.5 * (log(S) + (tail + 1.0) * log(1.0 + squared / (tail * S)))
             weights.append(keep * weight + (1.0 - keep) * prior + likelihood)
         top = max(weights)
-        return replace(self, weights=tuple(weight - top for weight in weights))
+        weights = [weight - top for weight in weights]
+        return LearntNoise(self.known, self.values, tuple(weights), self.prior, self.memory, self.tail)

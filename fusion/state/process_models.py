@@ -44,26 +44,21 @@ def _integrated(x: float) -> float:
     return x**3 * total
 
 
-@lru_cache(maxsize=64)  # sensors keep to their steps, but for a few nanoseconds
-def turning(q: float, ramp: float, dt: float) -> tuple[Array, Array]:
+@lru_cache(maxsize=64)  # some sensors keep to their steps to the nanosecond
+def turning(ramp: float, dt: float) -> tuple[Array, Array]:
     """Transition and process noise of (yaw, rate, acceleration) over `dt` seconds.
 
     Singer's model of a manoeuvre (1970, doi:10.1109/TAES.1970.310128): the acceleration is Gauss-Markov over `ramp`
-    seconds. Over times longer than that the rate walks, by `q` (rad/s)^2 a second. The arrays are kept: copy them
-    before you change them.
+    seconds. Over times longer than that the rate walks, here by 1 (rad/s)^2 a second: the noise is in proportion. The
+    arrays are kept: copy them before you change them.
     """
     if dt > ramp:
-        F, Q = turning(q, ramp, dt / 2.0)
+        F, Q = turning(ramp, dt / 2.0)
         return F @ F, F @ Q @ F.T + Q
-    F = np.eye(3)
-    F[0, 1] = dt
-    F[:, 2:] = _answer(ramp, np.array([dt]))
-    answers = _answer(ramp, dt / 2.0 * (1.0 + _NODES))
-    return F, q / ramp**2 * dt / 2.0 * (answers * _WEIGHTS) @ answers.T
-
-
-def _answer(ramp: float, s: Array) -> Array:
-    """What an acceleration of 1 rad/s^2 that fades over `ramp` has made of yaw, rate and itself after times `s`."""
-    x = s / ramp
+    times = np.append(dt / 2.0 * (1.0 + _NODES), dt)
+    x = times / ramp
     fading = -np.expm1(-x)
-    return np.stack([ramp**2 * (x - fading), ramp * fading, 1.0 - fading])
+    answers = np.array([ramp**2 * (x - fading), ramp * fading, 1.0 - fading])  # to an acceleration of 1 rad/s^2
+    F = np.eye(3)
+    F[0, 1], F[:, 2] = dt, answers[:, -1]
+    return F, 0.5 * dt / ramp**2 * (answers[:, :-1] * _WEIGHTS) @ answers[:, :-1].T

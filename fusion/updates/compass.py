@@ -39,7 +39,7 @@ class CompassUpdate:
         self._isolation = isolation
 
     def fuse(self, before: FilterState, state: FilterState, event: CompassEvent) -> None:
-        """Take in an increment; the first after a gap is told what the gyro's scale may have added meanwhile."""
+        """Take in an increment; before the first after a gap the gyro's scale has widened the yaw."""
         ekf = state.ekf
         if before.scale_variance > 0.0 and not before.isolation.excludes(Sensor.COMPASS):
             ekf.widen(State.YAW, before.scale_variance)
@@ -127,7 +127,7 @@ def compass_measurement(
 
 
 def _allow_for_refused_gyro(state: FilterState, t_ns: int) -> None:
-    """Let the yaw have gone on as the gyro's last sample says, if it was refused: the next one will tell."""
+    """Let the yaw have gone on as the gyro's last sample says, if it was refused: the next one decides."""
     gate = state.gates[Sensor.GYRO]
     if gate.report and gate.rejecting_since_ns == gate.report.t_ns and state.hears(Sensor.GYRO):
         seconds = (t_ns - (gate.accepted_ns or t_ns)) * 1e-9
@@ -135,7 +135,7 @@ def _allow_for_refused_gyro(state: FilterState, t_ns: int) -> None:
 
 
 def _levelled(increment: YawIncrement, clone: Clone | None) -> YawIncrement:
-    """What an increment says of the heading, where it is known how the robot leant at its reference."""
+    """An increment of the heading, where the robot's tilt at its reference is known."""
     if clone is None or clone.up is None or increment.turn is None:
         return increment
     return replace(increment, yaw=float(wrap_angle(heading_change(clone.up, increment.turn, increment.tilt))))

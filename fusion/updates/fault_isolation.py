@@ -7,10 +7,11 @@ from dataclasses import replace
 
 from compass import YawIncrement
 from fusion.buffer.events import Sensor
+from fusion.checks.alternative import ALTERNATIVE_PROBABILITY, FOUND_AGAIN_PROBABILITY, Alternative
 from fusion.checks.claims import gyro_claim, tracks_claim
 from fusion.checks.diagnosis import warnings_of
 from fusion.checks.gate import Verdict
-from fusion.checks.isolation import DOUBT, DOUBT_FOUND_AGAIN, Doubt, Remedy
+from fusion.checks.isolation import Remedy
 from fusion.checks.isolation_rules import judge
 from fusion.checks.refusal import Refusal
 from fusion.checks.windows import BEYOND, LONGEST_WINDOW_NS, SAME_NUMBER, Claim, Start, Window
@@ -19,7 +20,7 @@ from fusion.state.ekf import Measurement, State
 from fusion.state.filter_state import FilterState
 from fusion.updates.image_timing import GyroTrail, exposure_of
 
-JUMPED_BIAS = 0.01  # rad/s; one that has jumped is no longer as its driver had calibrated it
+JUMPED_BIAS = 0.01  # rad/s; one that has jumped is no longer as its driver had calibrated it; not derived
 
 
 class FaultIsolation:
@@ -127,9 +128,11 @@ class FaultIsolation:
         if verdict is Verdict.REJECTED:
             state.refusal = Refusal.of(increment, measurement.innovation, refusal)
             return
-        slipped = state.isolation.doubt(Sensor.TRACKS)
+        slipped = state.isolation.alternative(Sensor.TRACKS)
         if slipped is not None and increment.t_ref_ns <= slipped.since_ns and state.hears(Sensor.GYRO):
-            state.isolation = state.isolation.sure_of(Sensor.TRACKS)  # gyro and compass saw the same all the while
+            state.isolation = state.isolation.without_alternative(
+                Sensor.TRACKS
+            )  # gyro and compass saw the same all the while
         if refusal is not None:
             if increment.t_ref_ns > refusal.t_ref_ns:
                 state.ekf.widen_frame(refusal.variance)
@@ -138,7 +141,7 @@ class FaultIsolation:
     def recover(self, state: FilterState, measurement: Measurement, since: int, until: int, *, witnessed: bool) -> None:
         """Let increments in again that were refused; `witnessed`: a gyro measured all of the turn.
 
-        A contradiction that grew is one of rates: the increments are followed, and what the gyro claims is in doubt.
+        A contradiction that grew is one of rates: the increments are followed, and the gyro's claim is the alternative.
         One that came at once is a wrong match: the yaw stays, and may be wrong by it. Where no gyro saw the turn, only
         tracks contradict, and those slip and get lifted: a match that repeats is followed.
         """
@@ -151,19 +154,19 @@ class FaultIsolation:
             ekf.x = x
             measurement = replace(measurement, innovation=0.0)
             if witnessed and refusal is not None:
-                self._doubt_gyro(state, refusal.t_ref_ns, -off)
+                self._add_gyro_alternative(state, refusal.t_ref_ns, -off)
             else:
-                ekf.widen_frame(DOUBT_FOUND_AGAIN * off**2)
+                ekf.widen_frame(FOUND_AGAIN_PROBABILITY * off**2)
         else:
-            ekf.widen_frame(DOUBT[Sensor.COMPASS] * off**2)
+            ekf.widen_frame(ALTERNATIVE_PROBABILITY[Sensor.COMPASS] * off**2)
             ekf.widen(State.CAMERA_DELAY, config.camera_delay_sigma**2)
         ekf.anchor(since, measurement)
         ekf.widen(State.BIAS, JUMPED_BIAS**2)
         state.agreement = None
 
-    def _doubt_gyro(self, state: FilterState, since_ns: int, offset: float) -> None:
-        """Note that the gyro's bias may be as before all the same."""
-        doubt = state.isolation.doubt(Sensor.GYRO)
-        if doubt is None:
-            doubt = Doubt(Sensor.GYRO, since_ns, 0.0, bias=float(state.ekf.x[State.BIAS]))
-        state.isolation = state.isolation.doubting(replace(doubt, offset=doubt.offset + offset))
+    def _add_gyro_alternative(self, state: FilterState, since_ns: int, offset: float) -> None:
+        """Keep the alternative that the gyro's bias is as before."""
+        alternative = state.isolation.alternative(Sensor.GYRO)
+        if alternative is None:
+            alternative = Alternative(Sensor.GYRO, since_ns, 0.0, bias=float(state.ekf.x[State.BIAS]))
+        state.isolation = state.isolation.with_alternative(replace(alternative, offset=alternative.offset + offset))

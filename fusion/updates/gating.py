@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from fusion.buffer.events import Sensor
+from fusion.buffer.events import FOREVER_NS, Sensor
 from fusion.checks.gate import Verdict, gate_limit
 from fusion.config import FusionConfig
 from fusion.state.ekf import Measurement
 
 if TYPE_CHECKING:
     from fusion.state.filter_state import FilterState
-
-FOREVER_NS = 2**63
 
 
 class Gating:
@@ -33,7 +31,7 @@ class Gating:
         """Pass a measurement through its gate and fuse it if accepted."""
         S = state.ekf.innovation_variance(measurement)
         limit, recovery_ns = self.limit, self._recovery_ns[sensor]
-        if state.isolation.excludes(sensor) or (sensor is Sensor.TRACKS and state.isolation.doubt(sensor)):
+        if state.isolation.excludes(sensor) or (sensor is Sensor.TRACKS and state.isolation.alternative(sensor)):
             limit, recovery_ns = -1.0, FOREVER_NS
         gate = state.gates[sensor].judge(state.t_ns or 0, measurement.innovation, S, limit, recovery_ns)
         state.gates = {**state.gates, sensor: gate}

@@ -11,7 +11,8 @@ import numpy as np
 from compass.tilt import beyond_error
 from fusion.buffer.events import GyroEvent, Sensor
 from fusion.checks.gate import Gate, Verdict
-from fusion.checks.windows import FASTEST, SILENT_NS
+from fusion.checks.silence import RATE_SILENT_NS
+from fusion.checks.windows import FASTEST_ROBOT
 from fusion.config import FusionConfig
 from fusion.imu.tilt import TILT_ERROR, BiasGain
 from fusion.samples import GyroSample
@@ -23,7 +24,7 @@ from fusion.updates.gating import Gating
 if TYPE_CHECKING:
     from fusion.state.filter_state import FilterState
 
-VAGUE = 100.0  # times the noise of a gyro sample; from one of that a turn of 1 rad/s would not stand out
+VAGUE_FACTOR = 100.0  # times the noise of a gyro sample; from one of that a turn of 1 rad/s would not stand out
 
 
 class GyroUpdate:
@@ -44,11 +45,11 @@ class GyroUpdate:
     def fuse(self, state: FilterState, event: GyroEvent) -> None:
         """Take in a gyro sample, or find that the robot or the bias has made a jump."""
         sample, refused = event.sample, state.gates[Sensor.GYRO]
-        if refused.report is None or event.t_ns - refused.report.t_ns > SILENT_NS:
+        if refused.report is None or event.t_ns - refused.report.t_ns > RATE_SILENT_NS:
             state.gyro_since_ns = event.t_ns
         if sample.up:
             sample = replace(sample, up=beyond_error(sample.up, TILT_ERROR))
-        gain = BiasGain.leaning(sample.up) if sample.up else state.bias_gain
+        gain = BiasGain.tilted(sample.up) if sample.up else state.bias_gain
         if gain.differs(state.bias_gain):
             turn_bias(state.ekf, state.bias_gain, gain)
             state.bias_gain = gain
@@ -62,9 +63,11 @@ class GyroUpdate:
             return
         state.turns = state.turns.with_gyro(sample)
         variance = self.sigma(state, sample) ** 2
-        if abs(sample.yaw_rate) > FASTEST:
+        if abs(sample.yaw_rate) > FASTEST_ROBOT:
             return
-        measurement = gyro_measurement(state.ekf, sample.yaw_rate, variance, scale_told=state.hears(Sensor.COMPASS))
+        measurement = gyro_measurement(
+            state.ekf, sample.yaw_rate, variance, scale_observable=state.hears(Sensor.COMPASS)
+        )
         S = state.ekf.innovation_variance(measurement)
         prior, accepted_ns = S - measurement.R, refused.accepted_ns
         if accepted_ns is not None and measurement.innovation**2 > self._gating.limit * S:
@@ -101,7 +104,7 @@ class GyroUpdate:
 
     def is_vague(self, sample: GyroSample) -> bool:
         """Whether a sample says next to nothing by its own variance."""
-        return sample.variance is not None and sample.variance > (VAGUE * self._config.gyro_sigma) ** 2
+        return sample.variance is not None and sample.variance > (VAGUE_FACTOR * self._config.gyro_sigma) ** 2
 
     def sigma(self, state: FilterState, sample: GyroSample) -> float:
         """Standard deviation of a sample's noise, rad/s; at rest, where nothing shakes the gyro, as it is seen."""
@@ -110,18 +113,20 @@ class GyroUpdate:
         return state.stillness.gyro_noise(self._config.gyro_sigma)
 
 
-def gyro_measurement(ekf: YawEkf, yaw_rate: float, variance: float | None, *, scale_told: bool = True) -> Measurement:
-    """What a gyro sample (rad/s, variance (rad/s)^2) says: (1 + gyro scale) rate + bias.
+def gyro_measurement(
+    ekf: YawEkf, yaw_rate: float, variance: float | None, *, scale_observable: bool = True
+) -> Measurement:
+    """The measurement of a gyro sample (rad/s, variance (rad/s)^2): (1 + gyro scale) rate + bias.
 
-    A sample does not tell its own scale, which is only considered: it is a factor of the rate, which the sample
-    does tell, and linearised the noise of the one would draw the other down. What tells it is a compass, by the yaw
-    that goes along with it. Without one (not `scale_told`) the scale is left out: the tracks, whose scale is not
-    known either, would seem to tell it, linearised.
+    A sample does not observe its own scale, which is only considered: it is a factor of the rate, which the sample
+    does observe, and linearised the noise of the one would draw the other down. A compass makes the scale observable,
+    by the yaw that is correlated with it. Without one (not `scale_observable`) the scale is left out: the tracks, whose
+    scale is not known either, would seem to observe it, linearised.
     """
     x = ekf.x
     rate, gain = float(x[State.RATE]), 1.0 + float(x[State.GYRO_SCALE])
     H = np.zeros((1, DIM))
-    H[0, State.RATE], H[0, State.BIAS], H[0, State.GYRO_SCALE] = gain, 1.0, rate if scale_told else 0.0
+    H[0, State.RATE], H[0, State.BIAS], H[0, State.GYRO_SCALE] = gain, 1.0, rate if scale_observable else 0.0
     R = ekf.config.gyro_sigma**2 if variance is None else variance
     return Measurement(yaw_rate - gain * rate - float(x[State.BIAS]), H, R, consider=(State.GYRO_SCALE,))
 
@@ -134,7 +139,7 @@ def cross_rate_at_rest(ekf: YawEkf, rate: float) -> Measurement:
 
 
 def turn_bias(ekf: YawEkf, before: BiasGain, now: BiasGain) -> None:
-    """Turn the bias with the robot, which leant as `before` and leans as `now`."""
+    """Turn the bias with the robot, from the tilt `before` to the one `now`."""
     T = np.eye(DIM)
     T[State.BIAS, State.BIAS] = now.own / before.own
     T[State.BIAS, State.CROSS_BIAS] = now.cross - before.cross * now.own / before.own
@@ -149,4 +154,4 @@ def allow_start(ekf: YawEkf, seconds: float) -> None:
     missing = ekf.config.watched_rate_walk**2 * (1.0 - ekf.rate_walk_scale)
     if missing > 0.0:
         ekf.P = ekf.P.copy()
-        ekf.P[TURNING_BLOCK] += turning(missing, ekf.config.rate_ramp, min(seconds, LONGEST_STEP))[1]
+        ekf.P[TURNING_BLOCK] += missing * turning(ekf.config.rate_ramp, min(seconds, LONGEST_STEP))[1]

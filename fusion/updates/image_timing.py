@@ -18,9 +18,10 @@ from fusion.state.ekf import DIM, State, YawEkf
 if TYPE_CHECKING:
     from fusion.state.filter_state import FilterState
 
-LONGEST_NS = 1_000_000_000  # of what the gyro said that is remembered
+TRAIL_NS = 1_000_000_000  # of what the gyro said that is remembered
 SHORTEST_STEP = 0.02  # s; over less the gyro's noise says more of its rate than the rate
-CAUTION = 100.0  # the gyro's noise, as a turn rate that changes, must not tell the delay however long it lasts
+# Not derived: `CAUTION`.
+CAUTION = 100.0  # the gyro's noise, as a turn rate that changes, must not drive the delay however long it lasts
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +66,7 @@ class GyroTrail:
         t_ns, rate, up = sample.t_ns, sample.yaw_rate, sample.up
         if not self.t_ns:
             return GyroTrail((t_ns,), (rate,), (0.0,), (up,))
-        first = bisect_left(self.t_ns, t_ns - LONGEST_NS)
+        first = bisect_left(self.t_ns, t_ns - TRAIL_NS)
         turn = self.turns[-1] + 0.5 * (self.rates[-1] + rate) * (t_ns - self.t_ns[-1]) * 1e-9
         return GyroTrail(
             (*self.t_ns[first:], t_ns),
@@ -75,7 +76,7 @@ class GyroTrail:
         )
 
     def up_at(self, t_ns: int) -> Vector | None:
-        """The vertical in the robot's frame at a time, as the next sample tells it; None where none was near."""
+        """The vertical in the robot's frame at a time, from the next sample; None where none was near."""
         i = min(bisect_left(self.t_ns, t_ns), len(self.t_ns) - 1)
         return self.ups[i] if i >= 0 and abs(self.t_ns[i] - t_ns) <= NEAR_NS else None
 
@@ -113,8 +114,8 @@ def exposure_of(state: FilterState) -> Exposure:
 def exposure(ekf: YawEkf, t_ns: int, trail: GyroTrail | None) -> Exposure:
     """What happened between the exposure of an image stamped `t_ns`, the present, and that stamp.
 
-    Without a gyro's `trail` the delay is taken for known: nothing else could tell it, and as an unknown it would
-    let the tracks draw the yaw about.
+    Without a gyro's `trail` the delay is taken for known: it is not observable, and as an unknown it would let the
+    tracks draw the yaw about.
     """
     delay, variance = float(ekf.x[State.CAMERA_DELAY]), float(ekf.P[State.CAMERA_DELAY, State.CAMERA_DELAY])
     if trail is None:

@@ -15,6 +15,7 @@ from compass import wrap_angle
 from compass.tilt import Vector
 from fusion.buffer.events import Sensor, TracksEvent
 from fusion.checks.gate import Verdict
+from fusion.checks.silence import RATE_SILENT_NS
 from fusion.config import FusionConfig
 from fusion.imu.tilt import heading_gain
 from fusion.samples import OdometrySample
@@ -26,10 +27,10 @@ if TYPE_CHECKING:
     from fusion.state.filter_state import FilterState
     from fusion.updates.fault_isolation import FaultIsolation
 
+# Not derived: `LEAST_OTHERS`, `STAMPS_APART`, `TRACK_MEMORY`.
 LEAST_OTHERS = 0.05  # share of an innovation's variance that is no slip, at least: what correlations hide of it
 STAMPS_APART = 4.0  # times by how much they may be off, between odometry samples whose difference in yaw is a turn rate
 TRACK_MEMORY = 300.0  # turns of the tracks; some minutes
-LONGEST_GAP_NS = 500_000_000  # between odometry samples whose rates are integrated
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +44,7 @@ class OdometryFields:
     pose, twist : bool
         Whether the pose's yaw has ever changed; whether the twist has ever been other than zero.
     gain, lead : float
-        Rate of the heading over the robot's own at the last sample, for its lean; by how much the heading has gone
+        Rate of the heading over the robot's own at the last sample, for its tilt; by how much the heading has gone
         ahead of the poses for that reason, rad.
     """
 
@@ -54,7 +55,7 @@ class OdometryFields:
     lead: float = 0.0
 
     def after(self, sample: OdometrySample, up: Vector | None) -> tuple[OdometryFields, OdometrySample]:
-        """After a sample, of a robot that leans so that `up` is vertical; and what the sample says of its heading.
+        """After a sample, of a robot in whose frame `up` is the vertical; and the sample as one of its heading.
 
         A pose that never speaks is left out; where only poses speak the rate is taken from them.
         """
@@ -88,14 +89,14 @@ class TrackClaim:
     turn: float
 
     def turn_until(self, sample: OdometrySample, mode: str) -> tuple[float | None, bool]:
-        """Turn (rad) from the reference to `sample`, None if that cannot be told; and whether modulo a turn.
+        """Turn (rad) from the reference to `sample`, None if that is unknown; and whether modulo a turn.
 
         By the poses if `mode` is ``pose`` and both have a yaw, else by the turn rates in between.
         """
         if mode == "pose" and sample.yaw is not None and self.reference.yaw is not None:
             return sample.yaw - self.reference.yaw, True
         gap_ns = sample.t_ns - self.last.t_ns
-        return (self.turn + sample.yaw_rate * gap_ns * 1e-9 if gap_ns <= LONGEST_GAP_NS else None), False
+        return (self.turn + sample.yaw_rate * gap_ns * 1e-9 if gap_ns <= RATE_SILENT_NS else None), False
 
 
 class OdometryUpdate:
@@ -159,8 +160,8 @@ def tracks_measurement(ekf: YawEkf, turn: float, noise: float, *, modulo_turn: b
     """What the turn (rad) claimed since the tracks' reference says: scale times the true turn, plus their error.
 
     `noise` is the variance of its white noise, rad^2; a pose counts no turns (`modulo_turn`). `alone` says that
-    nothing else measures the turning. The scale cannot be observed then (linearised, the tracks would seem to tell
-    it all the same), so it is only considered.
+    nothing else measures the turning. The scale cannot be observed then (linearised, the tracks would seem to
+    observe it), so it is only considered.
 
     The second-order terms of scale times turn are kept (Bar-Shalom, Li & Kirubarajan 2001, section 10.3.2), but
     not when the tracks are alone: then the two err together so that their product is right. From sample to sample

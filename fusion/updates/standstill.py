@@ -1,8 +1,8 @@
 """Standstill, found from all sensors together, and its zero-velocity update.
 
 Each sensor is watched since the last sign of motion. The robot is taken to stand once none of those that speak shows
-any, and the tracks or the compass could by now have seen a turn as slow as `RESOLUTION`: the gyro alone cannot tell a
-slow turn from its bias. One sign of motion from one sensor ends it. Detectors of one inertial unit are compared by Skog
+any, and the tracks or the compass could by now have seen a turn as slow as `RESOLUTION`: to the gyro alone a slow turn
+looks like its bias. One sign of motion from one sensor ends it. Detectors of one inertial unit are compared by Skog
 et al. 2010, doi:10.1109/TBME.2010.2060723.
 """
 
@@ -16,6 +16,7 @@ import numpy as np
 
 from compass import YawIncrement, wrap_angle
 from fusion.buffer.events import CompassEvent, FusionEvent, GyroEvent, Sensor, TracksEvent
+from fusion.checks.silence import SILENT_NS
 from fusion.config import FusionConfig
 from fusion.samples import OdometrySample
 from fusion.state.ekf import DIM, Measurement, State, YawEkf
@@ -24,18 +25,20 @@ if TYPE_CHECKING:
     from fusion.state.filter_state import FilterState
     from fusion.updates.gyro import GyroUpdate
 
+# Not derived: `RESOLUTION`, `SHORTEST_STANDSTILL_NS`, `DYING_NS`, `UNKNOWN_TRACK_NOISE`, `RESTING`, `RECENT`,
+# `BLIND`, `MOTION_SIGMAS`.
 RESOLUTION = 0.0005  # rad/s; slower turns are left to the filter, which goes on estimating the rate
-SHORTEST_NS = 500_000_000  # of quiet before it is called standstill
+SHORTEST_STANDSTILL_NS = 500_000_000  # of quiet before it is called standstill
 DYING_NS = 100_000_000  # in which the rest of a motion dies away after its last sign
-SILENT_NS = 1_000_000_000  # a sensor not heard for so long has no say
-ROUGH = 0.02  # rad/s; noise to expect of resting tracks until it is known
-CREEP_RATE = 0.001  # rad/s; tracks that claim less show no motion
-CREEP = 0.01  # m/s; slower is not driving
-RESTING = 20  # gyro samples without a sign of motion that tell their scatter
-LATELY = 25  # gyro samples in its recent mean, for turns too slow to show in one sample
+
+UNKNOWN_TRACK_NOISE = 0.02  # rad/s; noise to expect of resting tracks until it is known
+CREEP_RATE = 0.001  # rad/s; a robot that turns by less is taken to stand; not derived
+CREEP = 0.01  # m/s; slower is not driving; not derived
+RESTING = 20  # samples without a sign of motion that their scatter is estimated from
+RECENT = 25  # gyro samples in its recent mean, for turns too slow to show in one sample
 STILL_TURN = 1e-5  # rad, what standing still leaves of a turn
 BLIND = 0.02  # rad; an increment with a larger standard deviation misses how a robot starts to turn
-CLEAR = 4.0  # standard deviations that make a sign of motion
+MOTION_SIGMAS = 4.0  # standard deviations that make a sign of motion
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,7 +63,7 @@ class Running:
 
     @property
     def mean_sigma(self) -> float:
-        """Standard deviation of the mean; infinite for fewer than five values, which tell no scatter."""
+        """Standard deviation of the mean; infinite for fewer than five values, too few for a scatter."""
         return self.sigma / math.sqrt(self.count) if self.count > 4 else math.inf
 
 
@@ -96,7 +99,7 @@ class CompassTurn:
     @property
     def quiet(self) -> bool:
         """Whether it could be no turn at all."""
-        return abs(self.turn) <= CLEAR * math.sqrt(self.turn_variance)
+        return abs(self.turn) <= MOTION_SIGMAS * math.sqrt(self.turn_variance)
 
     @property
     def resolution(self) -> float:
@@ -129,10 +132,10 @@ class Stillness:
         return Stillness(t_ns)
 
     def hidden_start(self) -> tuple[float, float]:
-        """What `LATELY` samples of a turn that their mean does not show make of bias (rad/s) and yaw (rad)."""
+        """What `RECENT` samples of a turn that their mean does not show make of bias (rad/s) and yaw (rad)."""
         if self.gyro_ns is None:
             return 0.0, 0.0
-        rate, share = CLEAR * self.gyro_sigma * LATELY**-0.5, min(LATELY / self.gyro.count, 1.0)
+        rate, share = MOTION_SIGMAS * self.gyro_sigma * RECENT**-0.5, min(RECENT / self.gyro.count, 1.0)
         return rate * share, rate * share * (self.gyro_ns - self.since_ns) * 1e-9
 
     def gyro_noise(self, sigma: float) -> float:
@@ -142,22 +145,22 @@ class Stillness:
     def with_gyro(self, t_ns: int, yaw_rate: float, sigma: float) -> Stillness:
         """After a gyro sample of noise `sigma` (rad/s)."""
         known, lately = self.gyro, self.gyro_lately
-        if known.count > 4 and abs(yaw_rate - known.mean) > (CLEAR + 1.0) * sigma:
+        if known.count > 4 and abs(yaw_rate - known.mean) > (MOTION_SIGMAS + 1.0) * sigma:
             return self.moved(t_ns)
-        lately = lately + (yaw_rate - lately) / min(known.count + 1, LATELY)
-        if known.count > 2 * LATELY and abs(lately - known.mean) > CLEAR * sigma * LATELY**-0.5:
+        lately = lately + (yaw_rate - lately) / min(known.count + 1, RECENT)
+        if known.count > 2 * RECENT and abs(lately - known.mean) > MOTION_SIGMAS * sigma * RECENT**-0.5:
             return self.moved(t_ns)
         return replace(self, gyro_ns=t_ns, gyro_sigma=sigma, gyro=known.add(yaw_rate), gyro_lately=lately)
 
     def with_tracks(self, sample: OdometrySample) -> Stillness:
         """After an odometry sample."""
         rate, speed = self.track_rate, self.track_speed
-        rate_limit = CLEAR * (rate.sigma if rate.count > 20 else ROUGH) + CREEP_RATE
-        speed_limit = CLEAR * speed.sigma + CREEP
+        rate_limit = MOTION_SIGMAS * (rate.sigma if rate.count > RESTING else UNKNOWN_TRACK_NOISE) + CREEP_RATE
+        speed_limit = MOTION_SIGMAS * speed.sigma + CREEP
         if abs(sample.yaw_rate) > rate_limit or abs(sample.speed) > speed_limit:
             return self.moved(sample.t_ns)
         rate, speed = rate.add(sample.yaw_rate), speed.add(sample.speed)
-        if rate.count > 20 and not _creeping(rate):
+        if rate.count > RESTING and not _creeping(rate):
             return self.moved(sample.t_ns)
         return replace(self, tracks_ns=sample.t_ns, track_rate=rate, track_speed=speed)
 
@@ -176,7 +179,7 @@ class Stillness:
         """Decide whether the robot stands at `t_ns`, with what is known of the gyro's bias (rad/s)."""
         if self.reference_ns is None and t_ns - self.since_ns >= DYING_NS:
             return replace(self, reference_ns=t_ns)
-        if self.standing or t_ns - self.since_ns < SHORTEST_NS:
+        if self.standing or t_ns - self.since_ns < SHORTEST_STANDSTILL_NS:
             return self
         witness = False
         if self.tracks_ns is not None and t_ns - self.tracks_ns < SILENT_NS:
@@ -197,7 +200,7 @@ class Stillness:
 
 def _creeping(rate: Running) -> bool:
     """Whether the mean of the tracks' claimed rates could be no motion."""
-    return abs(rate.mean) <= CLEAR * rate.mean_sigma + CREEP_RATE
+    return abs(rate.mean) <= MOTION_SIGMAS * rate.mean_sigma + CREEP_RATE
 
 
 class StandstillUpdate:
@@ -271,7 +274,7 @@ def open_rate(ekf: YawEkf, sigma: float, within: float, seen: float) -> None:
 
 def stand_still(ekf: YawEkf, seconds: float) -> None:
     """Take in that the robot has stood for so long, since STILL_REF, but for a creep too slow to be found."""
-    # it tells nothing of scale factors, though linearised their errors go along with that of the rate
+    # it does not observe scale factors, though linearised their errors go along with that of the rate
     consider = (State.SCALE, State.GYRO_SCALE)
     H = np.zeros((1, DIM))
     H[0, State.RATE] = 1.0

@@ -72,29 +72,29 @@ MUTANTS = (
     Mutant(
         "rival-that-has-to-be-higher",
         "compass/flow/coarse_shift.py",
-        "RIVAL = 0.97",
-        "RIVAL = 1.01",
+        "RIVAL_HEIGHT = 0.97",
+        "RIVAL_HEIGHT = 1.01",
         _tests("test_compass_correlation"),
     ),
     Mutant(
         "rival-of-two-thirds",
         "compass/flow/coarse_shift.py",
-        "RIVAL = 0.97",
-        "RIVAL = 0.66",
+        "RIVAL_HEIGHT = 0.97",
+        "RIVAL_HEIGHT = 0.66",
         _tests("test_compass_correlation"),
     ),
     Mutant(
         "shoulder-taken-for-a-rival",
         "compass/flow/coarse_shift.py",
-        "APART = 16",
-        "APART = 64",
+        "PEAKS_PER_CIRCLE = 16",
+        "PEAKS_PER_CIRCLE = 64",
         _tests("test_compass_correlation"),
     ),
     Mutant(
         "rivals-only-a-quarter-turn-off",
         "compass/flow/coarse_shift.py",
-        "APART = 16",
-        "APART = 4",
+        "PEAKS_PER_CIRCLE = 16",
+        "PEAKS_PER_CIRCLE = 4",
         _tests("test_compass_correlation"),
     ),
     Mutant(
@@ -159,15 +159,15 @@ MUTANTS = (
     Mutant(
         "no-evidence-needed",
         "compass/features/matching.py",
-        "EVIDENCE = 80.0",
-        "EVIDENCE = 40.0",
+        "MIN_EVIDENCE = 80.0",
+        "MIN_EVIDENCE = 40.0",
         _tests("test_compass_gap::test_a_match_needs_more_evidence_than_unrelated_views_reach"),
     ),
     Mutant(
         "far-too-much-evidence-needed",
         "compass/features/matching.py",
-        "EVIDENCE = 80.0",
-        "EVIDENCE = 500.0",
+        "MIN_EVIDENCE = 80.0",
+        "MIN_EVIDENCE = 500.0",
         _tests("test_compass_gap::test_a_match_needs_more_evidence_than_unrelated_views_reach"),
     ),
     Mutant(
@@ -194,7 +194,7 @@ MUTANTS = (
     Mutant(
         "vague-turn-is-an-answer",
         "compass/features/matching.py",
-        "motion.variance > VAGUE**2 or ",
+        "motion.variance > MAX_TURN_SIGMA**2 or ",
         "",
         _tests("test_compass_gap::test_a_turn_that_is_known_to_some_degrees_only_is_no_answer"),
     ),
@@ -209,15 +209,15 @@ MUTANTS = (
     Mutant(
         "places-beyond-half-believed",
         "compass/features/relative_pose.py",
-        "best.variance + doubt, doubt=doubt",
-        "best.variance, doubt=0.0",
-        _tests("test_compass_gap::test_turn_that_could_as_well_be_another_one_is_doubted"),
+        "best.variance + ambiguity, ambiguity=ambiguity",
+        "best.variance, ambiguity=0.0",
+        _tests("test_compass_gap::test_turn_that_could_as_well_be_another_one_is_ambiguous"),
     ),
     # ------------------------------------------------------------ compass
     Mutant(
         "yaw-variance-does-not-add-up",
         "compass/visual_compass.py",
-        "self._keyframe_variance + variance",
+        "keyframe.variance + variance",
         "variance",
         _tests("test_compass_keyframe::test_no_spread_allowed_compares_each_image_with_the_one_before"),
     ),
@@ -252,7 +252,7 @@ MUTANTS = (
     Mutant(
         "heading-of-a-level-camera",
         "compass/tilt.py",
-        "heading = math.atan2(leant[1, 0], leant[0, 0])",
+        "heading = math.atan2(rotation[1, 0], rotation[0, 0])",
         "heading = turn",
         _tests("test_compass_attitude"),
     ),
@@ -359,8 +359,8 @@ MUTANTS = (
     Mutant(
         "standstill-at-once",
         "fusion/updates/standstill.py",
-        "SHORTEST_NS = 500_000_000",
-        "SHORTEST_NS = 20_000_000",
+        "SHORTEST_STANDSTILL_NS = 500_000_000",
+        "SHORTEST_STANDSTILL_NS = 20_000_000",
         _tests("test_standstill::test_standstill_takes_half_a_second_of_quiet"),
     ),
     Mutant(
@@ -373,8 +373,8 @@ MUTANTS = (
     Mutant(
         "standstill-in-spite-of-motion",
         "fusion/updates/standstill.py",
-        "CLEAR = 4.0",
-        "CLEAR = 40.0",
+        "MOTION_SIGMAS = 4.0",
+        "MOTION_SIGMAS = 40.0",
         _tests("test_standstill::test_gyro_sample_beyond_its_noise_ends_a_standstill"),
     ),
     Mutant(
@@ -422,7 +422,7 @@ MUTANTS = (
     ),
     Mutant(
         "gyro-in-degrees-not-told",
-        "fusion/checks/isolation_rules.py",
+        "fusion/checks/gyro_faults.py",
         "TURNED = 0.02",
         "TURNED = 2.0",
         _tests("test_isolation"),
@@ -474,7 +474,7 @@ MUTANTS = (
     Mutant(
         "tracks-of-a-level-robot",
         "fusion/imu/tilt.py",
-        "return up[2] / level if level >= STEEPEST else 1.0",
+        "return up[2] / level if level >= STEEPEST_SQUARED else 1.0",
         "return 1.0",
         _tests("test_tilt::test_tracks_poses_and_rates_become_the_headings"),
     ),

@@ -1,0 +1,173 @@
+"""The rules for sensors that contradict already: alternatives decided, excluded sensors trusted again."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+from fusion.buffer.events import Sensor
+from fusion.checks.alternative import Alternative
+from fusion.checks.contradiction import contradict
+from fusion.checks.exclusion import Exclusion
+from fusion.checks.gyro_faults import TURNED, rebias, surely_gyro
+from fusion.checks.isolation import Isolation, Judged, Remedy
+from fusion.checks.windows import Claim, Window
+
+# Not derived: `TIMED`, `LONGEST_DELAY`, `SUSTAINED`.
+TIMED = 0.95  # of squared contradictions, explained by a time offset
+LONGEST_DELAY = 0.3  # s; no camera's driver takes longer than that longer than before
+SUSTAINED = 1.5  # of the last window's contradiction that they must sum up to, not to be one wrong match
+
+
+def with_window(alternative: Alternative, window: Window, bias: float) -> Alternative:
+    """An alternative with one more window. Tracks slip now and then: of theirs only what contradicts counts."""
+    claim = window.claim(alternative.sensor)
+    if alternative.sensor is Sensor.TRACKS or claim is None:
+        return replace(alternative, rate=0.0)
+    turn, followed = alternative.turn(claim, window.seconds, bias), window.claim(alternative.against)
+    third = alternative.third
+    if contradict(replace(claim, turn=turn), followed, window.seconds) and followed:  # in others it takes no side
+        third = third.plus(window.tracks, followed.turn, turn - followed.turn)
+    return replace(alternative.plus(turn - window.followed, window), third=third)
+
+
+def settle_alternatives(iso: Isolation, window: Window, bias: float) -> Judged:
+    """End alternatives that a third sensor decides, and those of a sensor that is as it was before."""
+    remedies = []
+    for alternative in iso.alternatives:
+        side = alternative.third.side
+        gyro, compass = window.gyro, window.compass
+        if alternative.sensor is not Sensor.TRACKS and gyro and compass and contradict(gyro, compass, window.seconds):
+            side = alternative.sensor is Sensor.COMPASS if surely_gyro(window, compass.turn) and side is None else side
+        if side is False:  # it erred: the one that is followed is right
+            iso = iso.without_alternative(alternative.sensor)
+        elif side is True:
+            iso, remedy = _follow(iso, alternative, window)
+            remedies.append(remedy)
+        elif not iso.excludes(alternative.sensor) and _as_before(iso, alternative, window, bias):
+            iso = iso.without_alternative(alternative.sensor)
+            remedies.append(Remedy(fold=alternative.variance(window.t_ns)))
+    return iso, Remedy.of(remedies)
+
+
+def _follow(iso: Isolation, alternative: Alternative, window: Window) -> Judged:
+    """Trust the alternative's sensor from now on, and exclude the one that was followed instead of it."""
+    iso = iso.without_alternative(alternative.sensor).trusting(alternative.sensor)
+    claim, wrong = window.claim(alternative.sensor), window.claim(alternative.against)
+    if claim and wrong:
+        iso = iso.excluding(alternative.against, window, claim.turn, wrong.turn - claim.turn)
+    restored = alternative.bias if alternative.sensor is Sensor.GYRO else None
+    rate = claim.turn / window.seconds if claim and alternative.against is Sensor.GYRO else None
+    return iso, Remedy(alternative.offset, claim.sigma**2 if claim else 0.0, restored, rate=rate)
+
+
+def _as_before(iso: Isolation, alternative: Alternative, window: Window, bias: float) -> bool:
+    """Whether the alternative's sensor agrees with the others, calibrated as it was before the contradiction."""
+    claim, reference = window.claim(alternative.sensor), iso.reference(alternative.sensor, window)
+    if claim is None or reference is None:
+        return False
+    if alternative.sensor is Sensor.TRACKS:
+        turn = abs(reference.turn)  # so much that tracks that turn otherwise, or not at all, would not be as near
+        return turn > max(TURNED, 2.0 * claim.sigma) and abs(claim.turn - reference.turn) < 0.5 * turn
+    off = alternative.turn(claim, window.seconds, bias) - reference.turn
+    return abs(off) <= 3.0 * math.hypot(claim.sigma, reference.sigma)
+
+
+def judge_excluded(iso: Isolation, window: Window, bias: float) -> Judged:
+    """Trust excluded sensors again that show they are well; give a gyro that does not another bias."""
+    remedies = []
+    for one in iso.exclusions:
+        claim, reference = window.claim(one.sensor), iso.reference(one.sensor, window)
+        if claim is None or reference is None:
+            continue
+        if contradict(claim, reference, window.seconds):
+            iso, remedy = _errs_still(iso.noting(window), one, claim, reference, window, bias)
+            remedies.append(remedy)
+        elif one.shows_well(claim, reference, window):
+            iso = iso.with_exclusion(replace(one, agreed=one.agreed + 1))
+            if one.agreed + 1 >= iso.needed(one.sensor):
+                iso, remedy = _trust_again(iso, one.sensor)
+                remedies.append(remedy)
+    return iso, Remedy.of(remedies)
+
+
+def _errs_still(iso: Isolation, one: Exclusion, claim: Claim, reference: Claim, window: Window, bias: float) -> Judged:
+    """An excluded sensor contradicts in one more window."""
+    off, alternative = claim.turn - reference.turn, iso.alternative(one.sensor)
+    iso = iso.with_exclusion(one.again(reference.turn, off, window))
+    if one.sensor is Sensor.GYRO:
+        if alternative and alternative.third.side is None and not surely_gyro(window, reference.turn):
+            return as_it_was(iso, alternative, window, bias)
+        return iso, replace(rebias(claim, reference, window, bias), rate=None)
+    delay = (
+        _delay(iso, alternative)
+        if alternative and one.sensor is Sensor.COMPASS and alternative.third.side is not True
+        else None
+    )
+    if delay is not None:
+        return iso.trusting(Sensor.COMPASS).without_alternative(Sensor.COMPASS), Remedy(delay=delay)
+    sustained = alternative is not None and not alternative.no_bias and abs(alternative.offset) > SUSTAINED * abs(off)
+    if one.sensor is Sensor.COMPASS and alternative and window.gyro and sustained:
+        # no single wrong match: a gyro's bias steps more often than a camera is misled for so long
+        iso, remedy = _follow(iso, alternative, window)
+        swapped = alternative.third.swapped()
+        iso = iso.with_alternative(
+            Alternative(
+                Sensor.GYRO,
+                alternative.since_ns,
+                -alternative.offset,
+                bias,
+                swapped,
+                window.t_ns,
+                -off / window.seconds,
+            )
+        )
+        return iso, Remedy.of((remedy, rebias(window.gyro, claim, window, bias)))
+    return iso, Remedy()
+
+
+def as_it_was(iso: Isolation, alternative: Alternative, window: Window, bias: float) -> Judged:
+    """Follow a gyro again with the bias that it had: the one it was given does not explain what it says now, either."""
+    iso = iso.without_alternative(Sensor.GYRO).trusting(Sensor.GYRO)
+    gyro, compass = window.gyro, window.compass
+    if gyro is None or compass is None:
+        return iso, Remedy()
+    before = replace(gyro, turn=alternative.turn(gyro, window.seconds, bias))
+    off = compass.turn - before.turn
+    if contradict(before, compass, window.seconds):
+        iso = iso.excluding(Sensor.COMPASS, window, before.turn, off)
+    iso = iso.with_alternative(
+        Alternative(
+            Sensor.COMPASS,
+            alternative.since_ns,
+            -alternative.offset,
+            third=alternative.third.swapped(),
+            until_ns=window.t_ns,
+            rate=off / window.seconds,
+            no_bias=True,
+        )
+    )
+    rebias = Remedy(bias=alternative.bias, bias_sigma=gyro.noise / window.seconds, rate=before.turn / window.seconds)
+    return iso, Remedy.of((Remedy(alternative.offset, before.sigma**2), rebias))
+
+
+def _delay(iso: Isolation, alternative: Alternative) -> float | None:
+    """How much later the images are stamped than thought, s, if that explains all that they contradict the gyro by."""
+    windows = [one for one in iso.evidence if one.t_ns > alternative.since_ns]
+    off = [one.compass.turn - one.gyro.turn for one in windows if one.compass and one.gyro]
+    change = [one.rate_change for one in windows if one.compass and one.gyro]
+    by_change = sum(a * b for a, b in zip(off, change, strict=True))
+    squares, total = sum(b * b for b in change), sum(a * a for a in off)
+    if len(off) < 2 or squares == 0.0 or by_change**2 < TIMED * squares * total:
+        return None
+    delay = -by_change / squares
+    return delay if abs(delay) < LONGEST_DELAY else None
+
+
+def _trust_again(iso: Isolation, sensor: Sensor) -> Judged:
+    """End an exclusion. A gyro's bias may be another now: the alternative stays until a third sensor decides."""
+    alternative = iso.alternative(sensor)
+    iso = iso.trusting(sensor)
+    if alternative is None or sensor is Sensor.GYRO:
+        return iso, Remedy()
+    return iso.without_alternative(sensor), Remedy(fold=alternative.variance(alternative.until_ns or 0))
