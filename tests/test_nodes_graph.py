@@ -78,21 +78,6 @@ def test_two_robots_in_one_graph_turn_by_themselves(robot, tmp_path):
         assert one.complaints() == two.complaints() == []
 
 
-@pytest.mark.parametrize(
-    ("arguments", "says"),
-    [
-        ({"gyro_topic": "imu-data"}, "gyro_topic: 'imu-data' is no name of a topic"),
-        ({"fused_output_topic": "''"}, "fused_output_topic: '' is no name of a topic"),
-        ({"compass_image": "none", "gyro_topic": "none", "odometry_topic": "none"}, "at least one sensor"),
-    ],
-)
-def test_name_that_cannot_be_is_refused_in_one_line(arguments, says, tmp_path):
-    with started("nodes.fusion_node", tmp_path / "log", **arguments) as node:
-        assert node.wait() == 1
-        assert node.text().count("\n") == 1
-        assert says in node.text()
-
-
 def test_pictures_that_are_lost_and_ends_that_do_not_match_are_named(robot, tmp_path):
     """An image of 22 MB does not fit into a sender's shared memory: none or few arrive."""
     overrides = {"qos_overrides./imu/data.subscription.reliability": "reliable"}

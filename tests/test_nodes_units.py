@@ -18,6 +18,7 @@ from compass import YawIncrement
 from compass.errors import ConfigError
 from fusion import GyroSample, YawEstimate
 from fusion.messages import stamp_to_ns
+from nodes.compass_node import CompassNode
 from nodes.filter_figures import fusion_finding
 from nodes.fusion_node import FusionNode
 from nodes.health import Level, SequenceGaps, StreamHealth
@@ -233,4 +234,24 @@ def test_node_without_input_does_nothing_and_wakes_with_the_first_sample():
         assert queue._idle.can_execute(None)
     finally:
         node.destroy_node()
+        rclpy.try_shutdown()
+
+
+@pytest.mark.parametrize(
+    ("kind", "topics", "says"),
+    [
+        (FusionNode, {"fused_output_topic": "''"}, "fused_output_topic: '' is no name of a topic: .*empty"),
+        (FusionNode, {"odometry_topic": "a//b"}, "odometry_topic: 'a//b' is no name of a topic"),
+        (FusionNode, {"compass_image": "none", "gyro_topic": "none", "odometry_topic": "''"}, "at least one sensor"),
+        (CompassNode, {"compass_image": "none"}, "a compass_node has nothing else"),
+    ],
+)
+def test_names_that_leave_nothing_to_do_are_refused(kind, topics, says):
+    given = [part for name, value in topics.items() for part in ("-p", f"{name}:={value}")]
+    rclpy.init(args=["--ros-args", *given])
+    try:
+        with pytest.raises(ConfigError, match=says) as error:
+            kind()
+        assert "\n" not in str(error.value)
+    finally:
         rclpy.try_shutdown()
