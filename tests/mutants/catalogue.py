@@ -613,8 +613,8 @@ MUTANTS = (
     Mutant(
         "error-of-the-yaw-does-not-last",
         "fusion/dead_reckoning.py",
-        "x_yaw=cx + nx * variance",
-        "x_yaw=0.0 * nx * variance",
+        "y_yaw=cy + ny * variance",
+        "y_yaw=0.0 * ny * variance",
         _tests("test_dead_reckoning::test_covariance_of_a_straight_drive_is_that_of_its_derivation"),
     ),
     Mutant(
