@@ -165,7 +165,7 @@ class DeadReckoning:
             ago = (estimate.t_ns - 0.5 * (since_ns + until_ns)) * 1e-9
             speed = self._speed(sample, until_ns, slipping=estimate.slip)
             yaw = estimate.yaw - ago * estimate.yaw_rate
-            self._position = self._position.moved((until_ns - since_ns) * 1e-9, yaw, estimate.yaw_variance, speed)
+            self._position = self._position.moved((until_ns - since_ns) * 1e-9, yaw, estimate.heading_variance, speed)
         scale = self._config.speed_scale_sigma
         speed = self._speed(self._speeds[-1], estimate.t_ns, slipping=estimate.slip)
         variance = speed.sigma**2 + (scale * speed.value) ** 2

@@ -152,7 +152,7 @@ class YawFilter:
         yaw = float(believed(state)[0][State.YAW]) + state.yaw_lead
         x[YAWS] = yaw
         P[np.ix_(YAWS, YAWS)] = float(state.P[State.YAW, State.YAW]) + variance
-        return replace(self.start.at(x, P), aided_yaw=yaw)
+        return replace(self.start.at(x, P), aided_yaw=yaw, turn_count=state.turn_count)
 
     def predicted(self, state: FilterState, t_ns: int) -> FilterState:
         """State at `t_ns`, ns, given that nothing was measured since; `state` itself where that is no later.
@@ -173,7 +173,9 @@ class YawFilter:
             heard_ns = state.gates[Sensor.GYRO].accepted_ns
             watched = heard_ns is not None and t_ns - heard_ns <= WATCHED_NS and not state.gyro_vague
             seconds = (t_ns - state.t_ns) * 1e-9
+            rate, unheard = float(state.x[State.RATE]), max(seconds - RATE_SILENT_NS * 1e-9, 0.0)
             state.ekf.predict_for(seconds, still=still, watched=watched)
+            state.ekf.widen(State.YAW, (rate * unheard) ** 2 / 3.0)  # it may have stopped at any time since, at once
             if state.yaw_lead:
                 state.yaw_lead *= math.exp(-seconds / SETTLING)
         state.t_ns = t_ns

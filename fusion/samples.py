@@ -77,6 +77,8 @@ class YawEstimate:
         Whether the robot is taken to stand, and the tracks to slip.
     warnings : tuple of Warning
         What is wrong at present, most serious first.
+    turn_count_variance : float
+        The part of `yaw_variance` that is full turns nobody counted, rad^2: of the heading it says nothing.
     """
 
     t_ns: int
@@ -93,8 +95,14 @@ class YawEstimate:
     standstill: bool = False
     slip: bool = False
     warnings: tuple[Warning, ...] = ()
+    turn_count_variance: float = 0.0
 
     @property
     def heading(self) -> float:
         """`yaw` wrapped into [-pi, pi), rad."""
         return float(wrap_angle(self.yaw))
+
+    @property
+    def heading_variance(self) -> float:
+        """Variance of `heading`, rad^2."""
+        return self.yaw_variance - self.turn_count_variance

@@ -80,7 +80,7 @@ def yaw_covariance(variance: float) -> npt.NDArray[np.float64]:
 def fused_odometry(estimate: YawEstimate, frames: tuple[str, str], place: Place | None = None) -> Odometry:
     """The fused estimate as Odometry; x, y and the speed as well where the `place` is known."""
     message = yaw_odometry(
-        estimate.t_ns, estimate.yaw, estimate.yaw_variance, estimate.yaw_rate, estimate.yaw_rate_variance, frames
+        estimate.t_ns, estimate.yaw, estimate.heading_variance, estimate.yaw_rate, estimate.yaw_rate_variance, frames
     )
     if place is not None:
         message.pose.pose.position.x, message.pose.pose.position.y = place.x, place.y

@@ -142,7 +142,7 @@ def write_mcap(path: Path, run: FusedRun, settings: Settings) -> None:
                     row.t_ns,
                     fused.yaw,
                     fused.yaw_rate,
-                    yaw_variance=fused.yaw_variance,
+                    yaw_variance=fused.heading_variance,
                     rate_variance=fused.yaw_rate_variance,
                     frames=frames,
                 )

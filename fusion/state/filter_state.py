@@ -13,8 +13,9 @@ from fusion.checks.gate import Gate
 from fusion.checks.isolation import Isolation
 from fusion.checks.refusal import Refusal
 from fusion.checks.silence import RATE_SILENT_NS, SILENT_NS
+from fusion.checks.turn_count import TurnCount
 from fusion.checks.unconfirmed import Belief, TracksSince, Unconfirmed
-from fusion.checks.warnings import Warning
+from fusion.checks.warnings import Warning, most_serious_first
 from fusion.checks.windows import SAME_NUMBER, Turns
 from fusion.imu.tilt import BiasGain
 from fusion.samples import YawEstimate
@@ -67,6 +68,8 @@ class FilterState:
         What the gyro said lately.
     bias_gain : BiasGain
         Tilt of the robot, as far as it matters to the gyro's bias.
+    turn_count : TurnCount
+        What is not known of the number of full turns.
     aided_yaw : float
         The yaw when a compass last measured it, or when it was set, rad: since then the gyro's scale counts.
     yaw_lead : float
@@ -98,6 +101,7 @@ class FilterState:
     warnings: tuple[Warning, ...] = ()
     trail: GyroTrail = field(default_factory=GyroTrail)
     bias_gain: BiasGain = field(default_factory=BiasGain)
+    turn_count: TurnCount = field(default_factory=TurnCount)
     aided_yaw: float = 0.0
     yaw_lead: float = 0.0
     agreement: BiasPrior | None = None
@@ -235,7 +239,9 @@ def estimate_of(state: FilterState) -> YawEstimate | None:
         + state.scale_variance
         + state.isolation.variance(state.t_ns)
         + state.unconfirmed_variance
+        + state.turn_count.variance
         + (state.refusal.variance if state.refusal else 0.0),
+        turn_count_variance=state.turn_count.variance,
         yaw_rate=rate,
         yaw_rate_variance=float(P[State.RATE, State.RATE]) + (CREEP_RATE**2 if standing else 0.0),
         gyro_bias=float(x[State.BIAS]),
@@ -246,5 +252,5 @@ def estimate_of(state: FilterState) -> YawEstimate | None:
         camera_delay_variance=float(P[State.CAMERA_DELAY, State.CAMERA_DELAY]),
         standstill=standing,
         slip=state.gates[Sensor.TRACKS].rejecting_since_ns is not None,
-        warnings=state.warnings,
+        warnings=tuple(most_serious_first((*state.warnings, *state.turn_count.warnings()))),
     )

@@ -82,7 +82,10 @@ class CompassUpdate:
         witnessed = witnessed and state.hears(Sensor.GYRO)
         rate = float(ekf.x[State.RATE])
         others = max(ekf.innovation_variance(measurement) - ekf.jitter * rate**2, measurement.R)
+        S = ekf.innovation_variance(measurement)
         verdict = self._gating.judge(state, Sensor.COMPASS, measurement) if known and not moved else None
+        if verdict is Verdict.ACCEPTED:
+            state.turn_count = state.turn_count.after(event.t_ns, measurement.innovation, S)
         if known and not state.isolation.exclusions and not increment.long_baseline and not moved:
             state.jitter = state.jitter.after(measurement.innovation, others, rate)
         if verdict is None or excluded:
