@@ -30,6 +30,7 @@ def from_pyproject() -> dict[str, Any]:
         "packages": content["tool"]["setuptools"]["packages"],
         "package_data": content["tool"]["setuptools"]["package-data"],
         "entry_points": {"console_scripts": commands},
+        "extras_require": project["optional-dependencies"],
     }
 
 

@@ -1,4 +1,4 @@
-"""Names of image topics, as image_transport gives them: the raw one plain, the compressed one with a suffix."""
+"""Topics of a camera by image_transport's transports, and the messages on them."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ import importlib
 from typing import Any
 
 from compass.errors import ConfigError
+from nodes.names import raw_topic
 
-_SUFFIX = "/compressed"
 # transport -> package and message of its topic, whose name has the transport as its suffix
 _MESSAGES = {
     "raw": ("sensor_msgs", "Image"),
@@ -15,16 +15,6 @@ _MESSAGES = {
     "ffmpeg": ("ffmpeg_image_transport_msgs", "FFMPEGPacket"),
     "foxglove": ("foxglove_msgs", "CompressedVideo"),
 }
-
-
-def raw_topic(name: str) -> str:
-    """The raw topic of a camera, given either of its topics."""
-    return name.removesuffix(_SUFFIX)
-
-
-def compressed_topic(name: str) -> str:
-    """The compressed topic of a camera, given either of its topics."""
-    return raw_topic(name) + _SUFFIX
 
 
 def image_topic(name: str, transport: str) -> tuple[str, Any]:

@@ -149,7 +149,7 @@ def test_topics_that_we_published_ourselves_are_no_odometry(tmp_path):
             bag.odometry(name, START_NS, 0.0, 0.1)
     assert choose(path).odometry is None
     with TinyBag(tmp_path / "c") as bag:
-        for name in (*ours, "/wheels"):
+        for name in (*ours, "/robot1/compass_pose", "/robot1/odometry/fused", "/wheels"):
             bag.odometry(name, START_NS, 0.0, 0.1)
     assert choose(tmp_path / "c").odometry.name == "/wheels"
 
@@ -360,3 +360,32 @@ def test_bag_husky_has_its_totals():
     wheels = np.degrees(np.unwrap(recording.odometry.yaw))
     assert gyro == pytest.approx(-206, abs=0.5)
     assert wheels[-1] - wheels[0] == pytest.approx(-198, abs=0.5)
+
+
+def test_relative_and_absolute_names_of_the_settings_mean_the_same_topic(tmp_path):
+    with TinyBag(tmp_path / "b") as bag:
+        for name in ("/camera/imu", "/imu/data"):
+            bag.imu(name, START_NS, 0.1)
+        for name in ("/other/odom", "/odom"):
+            bag.odometry(name, START_NS, 0.0, 0.1)
+    with Bag(tmp_path / "b") as bag:
+        for settings in (TopicSettings(), TopicSettings(gyro_topic="/imu/data", odometry_topic="/odom")):
+            choice = choose_topics(bag, settings)
+            assert (choice.gyro.name, choice.odometry.name) == ("/imu/data", "/odom")
+        assert choose_topics(bag, TopicSettings(gyro_topic="none", odometry_topic="odom")).gyro is None
+        assert choose_topics(bag, TopicSettings(gyro_topic="")).gyro is None
+        asked = TopicRequest(gyro="camera/imu")  # as a node would name it
+        assert choose_topics(bag, TopicSettings(gyro_topic="none"), asked).gyro.name == "/camera/imu"
+
+
+def test_relative_name_is_found_in_the_namespace_of_the_one_robot(tmp_path):
+    def gyros(folder, *names):
+        with TinyBag(tmp_path / folder) as bag:
+            for name in names:
+                bag.imu(name, START_NS, 0.1)
+        return tmp_path / folder
+
+    one = ("/robot1/camera/imu", "/robot1/imu/data", "/robot2/camera/imu")
+    assert choose(gyros("one", *one)).gyro.name == "/robot1/imu/data"
+    with pytest.raises(BagError, match=r"several topics of type sensor_msgs/Imu: /robot1/imu/data, /robot2/imu/data;"):
+        choose(gyros("two", *one, "/robot2/imu/data"))

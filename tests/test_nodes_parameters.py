@@ -135,6 +135,7 @@ def test_method_of_ones_own_turns_the_compass(robot, tmp_path, monkeypatch):
         ({"compass.metod": "rows"}, "did you mean"),
         ({"compass.columns": 3}, "16"),
         ({"publish_tf": True}, "tf2_ros"),
+        ({"gyro_topic": "imu-data"}, "gyro_topic: 'imu-data' is no name of a topic: topic name must not contain"),
     ],
 )
 def test_wrong_parameter_is_refused_in_one_line(parameters, says, tmp_path):

@@ -14,8 +14,8 @@ from fusion.offline.bag import Bag
 from fusion.offline.console import progress_bar, table
 from fusion.offline.kalibr import KalibrImu, read_kalibr
 from fusion.offline.streams import Floats, Times
-from fusion.offline.topics import NONE, TopicRequest, choose_topics
-from fusion.settings import TopicSettings
+from fusion.offline.topics import TopicRequest, choose_topics
+from fusion.settings import NONE, TopicSettings
 
 AXES = ("gyro x", "gyro y", "gyro z", "accelerometer x", "accelerometer y", "accelerometer z")
 HEAD = "# Noise of the gyro, by visual-compass allan from"

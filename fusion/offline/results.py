@@ -18,7 +18,7 @@ from fusion.offline.earlier_results import SUMMARY
 from fusion.offline.run import FusedRun, Row
 from fusion.offline.scores import yaw_at
 from fusion.offline.streams import Floats, Times, TruthTrack
-from fusion.settings import Settings, dump_settings
+from fusion.settings import Settings, dump_settings, in_bag
 
 DIAGNOSTICS_EVERY_NS = 1_000_000_000
 
@@ -141,7 +141,7 @@ def write_mcap(path: Path, run: FusedRun, settings: Settings) -> None:
             compass, fused = row.compass, row.fused
             if compass and compass.increment:
                 bag.write_odometry(
-                    topics.compass_output_topic,
+                    in_bag(topics.compass_output_topic),
                     row.t_ns,
                     compass.yaw,
                     compass.rate,
@@ -151,7 +151,7 @@ def write_mcap(path: Path, run: FusedRun, settings: Settings) -> None:
                 )
             if fused:
                 bag.write_odometry(
-                    topics.fused_output_topic,
+                    in_bag(topics.fused_output_topic),
                     row.t_ns,
                     fused.yaw,
                     fused.yaw_rate,

@@ -6,12 +6,11 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 from fusion.offline.bag import COMPRESSED_IMAGE, IMAGE, IMU, ODOMETRY, VIDEOS, Bag, BagError, Topic
-from fusion.settings import TopicSettings
+from fusion.settings import NONE, TopicSettings, absent, in_bag
 
-NONE = "none"
 DEPTH = "/compressedDepth"  # the suffix that image_transport's depth plugin adds
 PREFERRED = {"compressed": "CompressedImage", "ffmpeg": "FFMPEGPacket", "foxglove": "CompressedVideo"}
-TRUTH_TOPIC = "/ground_truth/odom"  # where simulated bags keep it
+TRUTH_TOPIC = TopicSettings().truth_topic  # where simulated bags keep it
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +39,7 @@ class TopicChoice:
 def choose_topics(bag: Bag, settings: TopicSettings, request: TopicRequest | None = None) -> TopicChoice:
     """Pick each topic: the one asked for, else the one the settings name, else the only one of its type.
 
-    ``"none"``, asked for or in the settings, leaves the sensor out.
+    A sensor that the settings call absent is left out unless it is asked for.
 
     Raises
     ------
@@ -48,14 +47,14 @@ def choose_topics(bag: Bag, settings: TopicSettings, request: TopicRequest | Non
         A requested topic is absent or of another type, several come into question, or no sensor is there at all.
     """
     request = request or TopicRequest()
-    if request.truth == request.odometry not in (None, NONE):
+    if request.truth == request.odometry and not absent(request.truth or NONE):
         raise BagError(
             f"{bag.path}: {request.truth} is asked for as odometry and as truth; what is fused judges nothing"
         )
     outputs = (settings.compass_output_topic, settings.fused_output_topic)
     ours = tuple(name for name in outputs if name != settings.odometry_topic)  # unless it is named on purpose
     truth = _choose(bag, [ODOMETRY], request.truth, settings.truth_topic, "--truth-topic", by_type=False)
-    taken = (*ours, truth.name) if truth else ours
+    taken = (*ours, in_bag(truth.name)) if truth else ours
     odometry = _choose(bag, [ODOMETRY], request.odometry, settings.odometry_topic, "--odometry-topic", taken=taken)
     gyro = _choose(bag, [IMU], request.gyro, settings.gyro_topic, "--gyro-topic")
     kinds = [IMAGE, COMPRESSED_IMAGE, *VIDEOS]
@@ -94,7 +93,7 @@ def _choose(
     by_type: bool = True,
 ) -> Topic | None:
     """One topic of one of `kinds`; earlier kinds win where the same camera is there twice."""
-    if requested == NONE or (requested is None and preferred == NONE):
+    if absent(preferred if requested is None else requested):
         return None
     candidates = [
         topic
@@ -104,11 +103,11 @@ def _choose(
     ]
     if requested is not None:
         return _requested(bag, candidates, requested, kinds, option)
-    candidates = [topic for topic in candidates if topic.name not in taken]
-    named = [topic for topic in candidates if _base(topic) == _strip_transport(preferred)]
-    if named:
-        return named[0]
-    if not by_type:
+    candidates = [topic for topic in candidates if not any(_means(name, topic.name) for name in taken)]
+    named = [topic for topic in candidates if _means(_strip_transport(preferred), _base(topic))]
+    in_root = [topic for topic in named if _base(topic) == in_bag(_strip_transport(preferred))]
+    candidates = in_root[:1] or named or candidates
+    if not by_type and not named:
         return None
     if len({_base(topic) for topic in candidates}) > 1:
         names = ", ".join(topic.name for topic in candidates)
@@ -121,7 +120,7 @@ def _choose(
 def _requested(bag: Bag, candidates: Sequence[Topic], name: str, kinds: Sequence[str], option: str) -> Topic:
     """The topic of that name, transport suffix optional."""
     exact = [topic for topic in candidates if topic.name == name]
-    alike = [topic for topic in candidates if _base(topic) == name]
+    alike = [topic for topic in candidates if in_bag(name) in (in_bag(topic.name), _base(topic))]
     if exact or alike:
         return (exact or alike)[0]
     names = ", ".join(topic.name for topic in candidates) or NONE
@@ -139,9 +138,15 @@ def is_depth(topic: Topic) -> bool:
     return topic.msgtype == COMPRESSED_IMAGE and topic.name.endswith(DEPTH)
 
 
+def _means(name: str, topic: str) -> bool:
+    """Whether a name of the settings means this topic of the bag; a relative one may be in any namespace."""
+    return in_bag(topic) == name if name.startswith("/") else in_bag(topic).endswith(f"/{name}")
+
+
 def _base(topic: Topic) -> str:
-    """The name without the suffix that image_transport adds."""
-    return _strip_transport(topic.name) if topic.msgtype in (COMPRESSED_IMAGE, *VIDEOS) else topic.name
+    """The name, with a slash ahead, without the suffix that image_transport adds."""
+    name = in_bag(topic.name)
+    return _strip_transport(name) if topic.msgtype in (COMPRESSED_IMAGE, *VIDEOS) else name
 
 
 def _strip_transport(name: str) -> str:
