@@ -34,6 +34,8 @@ KEYS = {
     "tf2_ros": "tf2_ros_py",
 }
 
+EXTRAS = ("av",)  # imported when needed, and one line where it is not there; its package in Ubuntu is too old
+
 
 def imported(path):
     """Top-level names that a module imports."""
@@ -51,7 +53,7 @@ def manifest():
 
 
 def test_manifest_names_every_import_of_the_package():
-    ours = {"compass", "fusion", "nodes", "__future__"}
+    ours = {"compass", "fusion", "nodes", "__future__", *EXTRAS}
     needed = set()
     for room in ("compass", "fusion", "nodes"):
         for path in (ROOT / room).rglob("*.py"):
