@@ -114,7 +114,8 @@ class VisualCompass:
         t_ns : int
             Capture time, ns, greater than that of the image before.
         image : (H, W), (H, W, 3) or (H, W, 4) array of uint8 or uint16
-            The full circle across its width; BGR unless `encoding` says ``rgb8`` or ``rgba8``.
+            The full circle across its width, or what `config.projection` says; BGR unless `encoding` says ``rgb8`` or
+            ``rgba8``.
         encoding : str
             Name of the pixel layout as in `sensor_msgs`.
 
@@ -127,6 +128,8 @@ class VisualCompass:
         ------
         ImageError
             `image` is no image at all (shape or type).
+        ConfigError
+            Images of this size show nothing of the region of interest.
         """
         t_ns = int(t_ns)
         self.history.stamped(t_ns, self._newest.t_ns if self._newest else None)

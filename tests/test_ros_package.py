@@ -34,7 +34,7 @@ KEYS = {
     "tf2_ros": "tf2_ros_py",
 }
 
-EXTRAS = ("av",)  # imported when needed, and one line where it is not there; its package in Ubuntu is too old
+EXTRAS = ("av",)  # imported when needed, and one line says so where it is not there
 
 
 def imported(path):
