@@ -115,7 +115,8 @@ class VisualCompass:
         t_ns : int
             Capture time, ns, greater than that of the image before.
         image : (H, W), (H, W, 3) or (H, W, 4) array of uint8 or uint16
-            The full circle across its width; BGR unless `encoding` says ``rgb8`` or ``rgba8``.
+            The full circle across its width, or what `config.projection` says; BGR unless `encoding` says ``rgb8`` or
+            ``rgba8``.
         encoding : str
             Name of the pixel layout as in `sensor_msgs`.
 
@@ -130,6 +131,8 @@ class VisualCompass:
             `image` is no image at all (shape or type).
         ArgumentError
             `t_ns` is no whole number, as seconds are.
+        ConfigError
+            Images of this size show nothing of the region of interest.
         """
         t_ns = whole_ns(t_ns)
         self.history.stamped(t_ns, self._newest.t_ns if self._newest else None)

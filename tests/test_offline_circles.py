@@ -65,6 +65,9 @@ def test_ring_radii(panoramas):
     config, _ = found_in(make, panoramas, CompassConfig(projection="ring"))
     assert config.ring_inner * SIZE == pytest.approx(70, abs=2.5)
     assert config.circle_radius * SIZE == pytest.approx(215, abs=1.5)
+    given, found = found_in(make, panoramas, CompassConfig(projection="ring", ring_inner=0.2))
+    assert given.ring_inner == 0.2
+    assert "ring_inner" not in found
 
 
 def test_circle_with_a_flare_and_a_pole_across_its_edge(panoramas):

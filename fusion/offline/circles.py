@@ -80,7 +80,7 @@ def with_circles(images: Sequence[Image], config: CompassConfig) -> tuple[Compas
         for key, value in (("x", circle.x), ("y", circle.y), ("radius", circle.radius)):
             found[f"{name}_{key}"] = round(float(value), 4), told
     config = replace(config, **{name: value for name, (value, _) in found.items() if value is not None})
-    if config.projection == "ring" and circles[0] is not None:
+    if config.projection == "ring" and circles[0] is not None and not config.ring_inner:
         found |= _inner_radius(images, circles[0])
     if config.projection == "dual_fisheye" and None not in circles:
         found |= _field_of_view(images, config)

@@ -19,7 +19,7 @@ PROFILE = "FASTRTPS_DEFAULT_PROFILES_FILE"
 # Launch arguments that set a parameter of the same name.
 PARAMETERS = {
     "compass_image": "topic of the panoramas, none: no camera",
-    "image_transport": "raw or compressed",
+    "image_transport": "raw, compressed, ffmpeg or foxglove",
     "compass_output_topic": "topic of the raw compass",
     "compass_textout": "true: print the current angle",
     "gyro_topic": "topic of the gyro, none: no gyro",
