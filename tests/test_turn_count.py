@@ -72,12 +72,17 @@ def test_yaw_is_within_three_sigma_after_a_gap(sensors, rates, gap):
 
 @pytest.mark.parametrize(("sigma", "expected"), [(0.5, 0.0), (100.0, 100.0**2)])
 def test_full_turns_are_as_open_as_the_prediction_was(sigma, expected):
-    count = TurnCount().after(1, 0.1, sigma**2)
+    count = TurnCount().after(1, 0.1, sigma**2, 10.0)
     assert count.variance == pytest.approx(expected, rel=0.1)
     assert (count.since_ns is None) == (expected == 0.0)
 
 
 def test_the_nearer_of_two_turns_is_the_likelier():
     """Of an innovation of half a turn, two turns are as likely."""
-    even = TurnCount().after(1, math.pi - 1e-9, 1.0)
+    even = TurnCount().after(1, math.pi - 1e-9, 1.2, 1.0)
     assert even.variance == pytest.approx(0.5 * math.tau**2, rel=1e-3)
+
+
+def test_no_robot_turns_round_between_two_images():
+    assert TurnCount().after(1, 0.1, 100.0, 0.49) == TurnCount()
+    assert TurnCount().after(1, 0.1, 100.0, 0.51).variance > 1.0

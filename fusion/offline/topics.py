@@ -52,7 +52,8 @@ def choose_topics(bag: Bag, settings: TopicSettings, request: TopicRequest | Non
             f"{bag.path}: {request.truth} is asked for as odometry and as truth; what is fused judges nothing"
         )
     outputs = (settings.compass_output_topic, settings.fused_output_topic)
-    ours = tuple(name for name in outputs if name != settings.odometry_topic)  # unless it is named on purpose
+    named = in_bag(settings.odometry_topic)  # on purpose, perhaps
+    ours = tuple(name for name in outputs if in_bag(name) != named)
     truth = _choose(bag, [ODOMETRY], request.truth, settings.truth_topic, "--truth-topic", by_type=False)
     taken = (*ours, in_bag(truth.name)) if truth else ours
     odometry = _choose(bag, [ODOMETRY], request.odometry, settings.odometry_topic, "--odometry-topic", taken=taken)

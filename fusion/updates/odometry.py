@@ -141,7 +141,8 @@ class OdometryUpdate:
             noise = ekf.slip_speed * config.track_noise**2 * seconds + jerk**2
             measurement = tracks_measurement(ekf, turn, noise, modulo_turn=modulo_turn, alone=alone)
             # across a gap in which it may have turned round poses tell nothing: their full turn is not its own
-            open_turns = TurnCount().after(event.t_ns, measurement.innovation, ekf.innovation_variance(measurement))
+            S = ekf.innovation_variance(measurement)
+            open_turns = TurnCount().after(event.t_ns, measurement.innovation, S, seconds)
             if not modulo_turn or open_turns.since_ns is None:
                 fastest = max(sample.yaw_rate, turn / seconds, key=abs)
                 self._judge(state, measurement, fastest, seconds, alone=alone)
