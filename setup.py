@@ -26,9 +26,11 @@ def from_pyproject() -> dict[str, Any]:
     return {
         "name": project["name"],
         "version": project["version"],
+        "py_modules": content["tool"]["setuptools"]["py-modules"],
         "packages": content["tool"]["setuptools"]["packages"],
         "package_data": content["tool"]["setuptools"]["package-data"],
         "entry_points": {"console_scripts": commands},
+        "extras_require": project["optional-dependencies"],
     }
 
 

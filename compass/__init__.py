@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from compass.version import __version__
     from compass.visual_compass import VisualCompass
 
+__distribution__ = "visual-compass"  # so that another package of this name is told apart
 __all__ = [
     "CompassConfig",
     "CompassStatus",

@@ -9,5 +9,9 @@ class ConfigError(VisualCompassError, ValueError):
     """A parameter is unknown, of the wrong type or out of its range."""
 
 
+class ArgumentError(VisualCompassError, TypeError):
+    """An argument of another type or unit than is wanted: seconds for nanoseconds, text for a path."""
+
+
 class ImageError(VisualCompassError, ValueError):
     """An image cannot be used: unknown encoding, wrong shape or type, corrupt data."""

@@ -18,11 +18,13 @@ from compass.history import ImageHistory
 from compass.images.decode import Image
 from compass.images.full_circle import CircleCheck
 from compass.images.mask import load_mask
+from compass.images.orientation import Orientation
 from compass.images.strip import Strip, prepare_strip
 from compass.increment import CompassStatus, YawIncrement
 from compass.methods.match import Match, Search
 from compass.methods.registry import find_method
 from compass.stamp_order import StampOrder
+from compass.stamps import whole_ns
 from compass.tilt import Tilted, Vector, beyond_error
 from compass.unmeasured_turn import LostTurn, LostTurns
 
@@ -113,7 +115,8 @@ class VisualCompass:
         t_ns : int
             Capture time, ns, greater than that of the image before.
         image : (H, W), (H, W, 3) or (H, W, 4) array of uint8 or uint16
-            The full circle across its width; BGR unless `encoding` says ``rgb8`` or ``rgba8``.
+            The full circle across its width, or what `config.projection` says; BGR unless `encoding` says ``rgb8`` or
+            ``rgba8``.
         encoding : str
             Name of the pixel layout as in `sensor_msgs`.
 
@@ -126,8 +129,12 @@ class VisualCompass:
         ------
         ImageError
             `image` is no image at all (shape or type).
+        ArgumentError
+            `t_ns` is no whole number, as seconds are.
+        ConfigError
+            Images of this size show nothing of the region of interest.
         """
-        t_ns = int(t_ns)
+        t_ns = whole_ns(t_ns)
         self.history.stamped(t_ns, self._newest.t_ns if self._newest else None)
         increment = self._update(t_ns, image, encoding)
         self.counts[self.status] += 1
@@ -145,8 +152,8 @@ class VisualCompass:
             return None
         strip = prepare_strip(t_ns, image, self.config, encoding, self._mask, self._up_at(t_ns))
         self.status = self._judge_strip(strip)
-        if strip.texture >= MIN_TEXTURE:
-            self.circle.look(strip, image, encoding)
+        if strip.texture >= MIN_TEXTURE and self.config.is_full_panorama:
+            self.circle.look(strip, Orientation.of(self.config).upright(image), encoding)
         if self.status is not CompassStatus.OK or self._last is None or self._keyframe is None:
             return None
         if self._still_since_ns != strip.t_ns:

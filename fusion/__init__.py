@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from fusion.smoother import smooth
     from fusion.yaw_fusion import YawFusion
 
+__distribution__ = "visual-compass"  # so that another package of this name is told apart
 __all__ = [
     "FusionConfig",
     "GyroSample",

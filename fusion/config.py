@@ -91,6 +91,19 @@ class FusionConfig(ParameterSet):
         high=10.0,
     )
     slip_time: float = parameter(0.5, "correlation time of slip", unit="s", low=1e-3, high=1e3)
+    speed_slip: float = parameter(
+        0.05,
+        "slip of the tracks: error of their speed as a fraction of it, standard deviation, over `slip_time`; for "
+        "position only",
+        low=0.0,
+        high=10.0,
+    )
+    speed_scale_sigma: float = parameter(
+        0.02,
+        "error of the scale of the tracks' speed, standard deviation; for position only",
+        low=0.0,
+        high=1.0,
+    )
     veer_sigma: float = parameter(
         0.015, "turn the tracks claim per metre driven straight (one track longer), standard deviation", unit="rad/m",
         low=0.0, high=1.0,

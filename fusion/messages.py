@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from compass.errors import VisualCompassError
-from compass.images.decode import Image, image_from_compressed, image_from_raw
+from compass.images.decode import Image, image_from_compressed
+from compass.images.raw import image_from_raw
 from compass.tilt import Vector
 from fusion.imu.levelling import ImuLevel
 from fusion.samples import GyroSample, OdometrySample

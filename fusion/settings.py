@@ -25,22 +25,41 @@ _LARGEST = 1_000_000  # bytes of a parameter file; those of whole robots have 50
 _ROS_OWN = ("use_sim_time", "qos_overrides", "start_type_description_service")
 
 
+NONE = "none"  # in place of a sensor's topic: the robot has no such sensor
+_ABSENT = f"{NONE} or empty: the robot has none"
+
+
 @dataclass(frozen=True)
 class TopicSettings(ParameterSet):
-    """Names under which the data comes and goes."""
+    """Names under which the data comes and goes.
 
-    compass_image: str = parameter("/viz/pano/image", "topic of the panoramas")
+    A name without a leading slash is relative: a node puts it into its namespace, a bag has it behind a slash.
+    """
+
+    compass_image: str = parameter("viz/pano/image", f"topic of the panoramas; {_ABSENT}")
     image_transport: str = parameter(
-        "raw", "raw for sensor_msgs/Image, compressed for sensor_msgs/CompressedImage", choices=("raw", "compressed")
+        "raw",
+        "raw for sensor_msgs/Image, compressed for sensor_msgs/CompressedImage (JPEG, PNG, or H.264 and H.265), ffmpeg "
+        "and foxglove for the packets of ffmpeg_image_transport and of foxglove_msgs/CompressedVideo",
+        choices=("raw", "compressed", "ffmpeg", "foxglove"),
     )
-    gyro_topic: str = parameter("/imu/data", "topic of the gyro, sensor_msgs/Imu")
-    odometry_topic: str = parameter("/odom", "topic of the track odometry, nav_msgs/Odometry")
-    compass_output_topic: str = parameter("/compass_pose", "topic of the raw compass, nav_msgs/Odometry")
-    fused_output_topic: str = parameter("/odometry/fused", "topic of the fused yaw, nav_msgs/Odometry")
+    gyro_topic: str = parameter("imu/data", f"topic of the gyro, sensor_msgs/Imu; {_ABSENT}")
+    odometry_topic: str = parameter("odom", f"topic of the track odometry, nav_msgs/Odometry; {_ABSENT}")
+    truth_topic: str = parameter("/ground_truth/odom", "ground truth in a bag, nav_msgs/Odometry; offline only")
+    compass_output_topic: str = parameter("compass_pose", "topic of the raw compass, nav_msgs/Odometry")
+    fused_output_topic: str = parameter("odometry/fused", "topic of the fused yaw, nav_msgs/Odometry")
     compass_textout: bool = parameter(False, "print the current angle", live=True)
     odom_frame: str = parameter("odom", "frame_id of the outputs")
     base_frame: str = parameter("base_link", "child_frame_id of the outputs")
-    publish_tf: bool = parameter(False, "broadcast odom_frame -> base_frame; needs tf2_ros")
+    position: str = parameter(
+        "dead_reckoning",
+        "x and y of fused_output_topic: the speed of odometry_topic along the fused yaw, or zeros",
+        choices=("dead_reckoning", NONE),
+    )
+    publish_tf: bool = parameter(False, "broadcast odom_frame -> base_frame as in fused_output_topic; needs tf2_ros")
+    invert_tf: bool = parameter(
+        False, "broadcast base_frame -> odom_frame instead, for a base_frame that has a parent already"
+    )
     fused_rate: float = parameter(
         0.0,
         "most messages a second on fused_output_topic; 0: whenever there is something newer",
@@ -48,9 +67,38 @@ class TopicSettings(ParameterSet):
         low=0.0,
         high=1000.0,
     )
+    reliable: bool = parameter(
+        False,
+        "take every message and every image in its turn, and tell each image on ~/image_done; for a bag whose player "
+        "waits for that, not for a robot, whose images would wait in a queue",
+    )
     sensor_timeout: float = parameter(
         2.0, "a sensor silent for longer is stale in /diagnostics", unit="s", low=0.1, high=3600.0, live=True
     )
+
+
+def absent(topic: str) -> bool:
+    """Whether the name given for a sensor's topic says that the robot has no such sensor."""
+    return topic in ("", NONE)
+
+
+def in_bag(topic: str) -> str:
+    """Name of a topic as a bag has it: a relative one is taken for one of the root namespace."""
+    return topic if topic.startswith("/") or absent(topic) else f"/{topic}"
+
+
+@dataclass(frozen=True)
+class OfflineSettings(ParameterSet):
+    """What `fuse` makes of a recording; nodes do not use it."""
+
+    smooth: bool = parameter(False, "add the fixed-interval (RTS) smoother")
+    start: float = parameter(0.0, "fuse from here on, from the first sample of the recording", unit="s", low=0.0)
+    end: float = parameter(0.0, "fuse up to here, from the first sample of the recording; 0: all", unit="s", low=0.0)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if 0.0 < self.end <= self.start:
+            raise ConfigError(f"end: {self.end:g} s is not after the start, {self.start:g} s")
 
 
 @dataclass(frozen=True)
@@ -61,6 +109,7 @@ class Settings:
     fusion: FusionConfig = field(default_factory=FusionConfig)
     imu: ImuConfig = field(default_factory=ImuConfig)
     topics: TopicSettings = field(default_factory=TopicSettings)
+    offline: OfflineSettings = field(default_factory=OfflineSettings)
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Settings:
@@ -77,6 +126,7 @@ class Settings:
             FusionConfig.from_dict(groups["fusion"], "fusion."),
             ImuConfig.from_dict(groups["imu"], "imu."),
             TopicSettings.from_dict(groups[""]),
+            OfflineSettings.from_dict(groups["offline"], "offline."),
         )
 
     def to_dict(self) -> dict[str, Value | dict[str, Value]]:
@@ -86,6 +136,7 @@ class Settings:
             "compass": self.compass.to_dict(),
             "fusion": self.fusion.to_dict(),
             "imu": self.imu.to_dict(),
+            "offline": self.offline.to_dict(),
         }
 
 
@@ -95,7 +146,7 @@ def load_settings(path: Path | str | None = None, overrides: Mapping[str, Any] |
     Parameters
     ----------
     path : path, optional
-        A ROS parameter file, ``/**: {ros__parameters: {compass: {method: sectors}, gyro_topic: /imu/data}}``.
+        A ROS parameter file, ``/**: {ros__parameters: {compass: {method: sectors}, gyro_topic: /imu}}``.
         A relative ``compass.mask`` in it counts from its folder.
     overrides : mapping, optional
         Parameters by (dotted) name, such as ``{"compass.method": "rows"}``.
@@ -121,6 +172,7 @@ def dump_settings(settings: Settings) -> str:
         ("compass", settings.compass),
         ("fusion", settings.fusion),
         ("imu", settings.imu),
+        ("offline", settings.offline),
     ):
         indent = "      " if title else "    "
         lines += ["", f"    {title}:"] if title else []
@@ -178,7 +230,7 @@ def _anchor_mask(values: dict[str, Any], folder: Path) -> None:
 
 def _split_groups(values: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
     """Sort nested parameters into the groups of `Settings`."""
-    groups: dict[str, dict[str, Any]] = {"": {}, "compass": {}, "fusion": {}, "imu": {}}
+    groups: dict[str, dict[str, Any]] = {"": {}, "compass": {}, "fusion": {}, "imu": {}, "offline": {}}
     for key, value in values.items():
         if key in _ROS_OWN:
             continue
@@ -188,7 +240,7 @@ def _split_groups(values: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
             groups[key] = dict(value)
         elif isinstance(value, Mapping):
             near = difflib.get_close_matches(key[:60], [name for name in groups if name], n=1)
-            hint = f"did you mean {near[0]!r}?" if near else "known: compass, fusion, imu"
+            hint = f"did you mean {near[0]!r}?" if near else "known: compass, fusion, imu, offline"
             raise ConfigError(f"unknown parameter group {shown(key)}; {hint}")
         else:
             _refuse_stray(key)
@@ -198,7 +250,12 @@ def _split_groups(values: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
 
 def _refuse_stray(key: str) -> None:
     """Name the group of a parameter that was given without it."""
-    kinds: dict[str, type[ParameterSet]] = {"compass": CompassConfig, "fusion": FusionConfig, "imu": ImuConfig}
+    kinds: dict[str, type[ParameterSet]] = {
+        "compass": CompassConfig,
+        "fusion": FusionConfig,
+        "imu": ImuConfig,
+        "offline": OfflineSettings,
+    }
     top = [spec.name for spec in TopicSettings.specs()]
     for group, kind in kinds.items():
         if key not in top and key in [spec.name for spec in kind.specs()]:

@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from compass import YawIncrement
+from compass.stamps import whole_ns
 from fusion.buffer.events import (
     FOREVER_NS,
     CompassEvent,
@@ -78,12 +79,18 @@ class YawFusion:
 
         One that is far ahead of all others is not believed before another confirms it; should that happen, it is taken
         in then.
+
+        Raises
+        ------
+        ArgumentError
+            Its stamp is no whole number, as seconds are.
         """
         sensor = sensor_of(sample)
         fault = fault_of(sample)
         self._faults.note(sensor, sample.t_ns, fault)
         if fault:
             return self._refuse(sample, f"{sensor.value}: {fault}")
+        whole_ns(sample.t_ns)
         newest_ns = self._timeline.newest_ns
         if newest_ns is not None and sample.t_ns < newest_ns - self._lag_ns:
             return self._too_old(sample, newest_ns)
@@ -219,7 +226,7 @@ class YawFusion:
     def estimate(self, t_ns: int | None = None) -> YawEstimate | None:
         """The estimate after the newest sample, predicted to `t_ns`, ns, where that is later; None before the first."""
         state = self._timeline.state
-        estimate = estimate_of(state if t_ns is None else self._filter.predicted(state, t_ns))
+        estimate = estimate_of(state if t_ns is None else self._filter.predicted(state, whole_ns(t_ns)))
         stamps = self.stamp_warnings()
         if estimate is None or not stamps:
             return estimate

@@ -9,10 +9,10 @@ from dataclasses import dataclass, replace
 import yaml
 
 from fusion.offline.bag import IMAGE, Bag, BagError, Topic
-from fusion.offline.topics import NONE, TopicRequest, choose_topics
-from fusion.settings import TopicSettings, load_settings
+from fusion.offline.topics import TopicRequest, choose_topics
+from fusion.settings import NONE, TopicSettings, load_settings
 from nodes.bag_player import PlayerConfig
-from nodes.transport import compressed_topic, raw_topic
+from nodes.names import compressed_topic, raw_topic
 
 # launch argument -> option of `visual-compass fuse` that means the same; errors speak of the latter
 SENSORS = {"compass_image": "--image-topic", "gyro_topic": "--gyro-topic", "odometry_topic": "--odometry-topic"}
@@ -38,9 +38,10 @@ class BagPlan:
 
     @property
     def arguments(self) -> dict[str, str]:
-        """Launch arguments for the compass."""
-        names = {name: raw_topic(topic.name) for name, topic in self.topics.items()}
-        return names | {"image_transport": self.transport}
+        """Launch arguments for the compass; a sensor that the bag does not hold is not there."""
+        names = {name: raw_topic(self.topics[name].name) if name in self.topics else NONE for name in SENSORS}
+        reliable = {"reliable": "true"} if self.player.image_done else {}
+        return names | {"image_transport": self.transport} | reliable
 
     @property
     def compressed_images(self) -> str | None:
@@ -82,7 +83,11 @@ def plan_bag(given: Mapping[str, str], parameters: str) -> BagPlan:
     settings = load_settings(parameters, {name: given[name] for name in names}).topics
     topics = find_topics(path, settings, given)
     image = topics.get("compass_image")
-    transport = "raw" if image and image.msgtype == IMAGE else settings.image_transport
+    reliable = yaml.safe_load(given.get("reliable") or "false")
+    transport = "raw" if image and image.msgtype == IMAGE else "compressed" if reliable else settings.image_transport
+    node = given.get("name") or given.get("node") or "fusion_node"
+    done = "/".join(["", *filter(None, given.get("namespace", "").split("/")), node, "image_done"])
+    player = replace(player, image_done=done if reliable and image else "")
     return BagPlan(replace(player, wait_for=",".join(topic.name for topic in topics.values())), topics, transport)
 
 

@@ -12,20 +12,25 @@ from typing import Any
 
 from rclpy.clock import Clock as SteadyClock
 from rclpy.clock import ClockType
+from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
-from std_srvs.srv import SetBool
+from std_msgs.msg import Header
+from std_srvs.srv import SetBool, Trigger
 
 from compass.errors import VisualCompassError
 from compass.parameters import ParameterSet, parameter
-from fusion.offline.bag import IMAGE, Bag, BagError, Message
+from fusion.offline.bag import COMPRESSED_IMAGE, IMAGE, Bag, BagError, Message
 from nodes.conversions import ns_to_stamp
+from nodes.in_turn import LONGEST_TURN_S, InTurn
 from nodes.parameters import declare_config
 from nodes.playback_clock import PlaybackClock
+from nodes.quality import EVERY_IMAGE_QOS, EVERY_SAMPLE_QOS
 from nodes.runtime import FinishedError, run
 
+IMAGES = (IMAGE, COMPRESSED_IMAGE)
 SETTLE_S = 0.5  # from the first sight of a subscriber until messages surely reach it
 
 
@@ -35,12 +40,17 @@ class PlayerConfig(ParameterSet):
 
     bagfile: str = parameter("", "the bag: a .bag, an .mcap, a .db3 or a rosbag2 folder")
     rate: float = parameter(1.0, "seconds of the bag per second", unit="s/s", low=0.01, high=100.0, live=True)
-    start_offset: float = parameter(0.0, "seconds of the bag to skip", unit="s", low=0.0, high=1e9)
+    start_offset: float = parameter(
+        0.0, "seconds of the bag to skip; set while it plays: go there", unit="s", low=0.0, high=1e9, live=True
+    )
     loop: bool = parameter(False, "begin again at the end", live=True)
-    paused: bool = parameter(False, "start paused; go on with the service ~/pause")
+    paused: bool = parameter(False, "start paused; go on with ~/pause, or from image to image with ~/step")
     topics: str = parameter("", "topics to play, separated by commas; empty: all")
     wait_for: str = parameter("", "topics that must have a subscriber before the start, separated by commas")
     wait_time: float = parameter(10.0, "longest wait for those subscribers", unit="s", low=0.0, high=3600.0)
+    image_done: str = parameter(
+        "", "topic on which a node with `reliable` tells that it is done with an image; the next waits for that"
+    )
     clock_rate: float = parameter(
         100.0, "messages a second on /clock (bag time, for use_sim_time); 0: none", unit="Hz", low=0.0, high=1000.0
     )
@@ -61,6 +71,15 @@ class BagPlayer(Node):
         self._publishers_by_topic = self._make_publishers()
         self._clock_publisher = self.create_publisher(Clock, "/clock", 10) if self._config.clock_rate > 0.0 else None
         self.create_service(SetBool, "~/pause", self._on_pause)
+        self.create_service(Trigger, "~/step", self._on_step)
+        self.create_service(Trigger, "~/stop", self._on_stop)
+        self._seek_ns: int | None = None  # asked for
+        self._steps = 0  # images to be played while paused
+        self._in_turn = InTurn() if self._config.image_done else None
+        self._has_images = any(topic.msgtype in IMAGES for topic in self._bag.topics if self._plays(topic.name))
+        if self._in_turn is not None:
+            done = self._in_turn.done
+            self.create_subscription(Header, self._config.image_done, lambda _: done(), EVERY_IMAGE_QOS)
         self.add_post_set_parameters_callback(self._on_change)
         self._open = True
         self._failure: VisualCompassError | None = None
@@ -87,7 +106,8 @@ class BagPlayer(Node):
             if kind is None:
                 self.get_logger().warning(f"{topic.name} is not played: {topic.short_type} is not installed")
             else:
-                publishers[topic.name] = self.create_publisher(kind, topic.name, quality(topic.name, topic.msgtype))
+                profile = quality(topic.name, topic.msgtype, every=bool(self._config.image_done))
+                publishers[topic.name] = self.create_publisher(kind, topic.name, profile)
         return publishers
 
     def _run(self) -> None:
@@ -115,26 +135,57 @@ class BagPlayer(Node):
             self.get_logger().warning(f"nobody subscribes to {', '.join(awaited)}; playing all the same")
         time.sleep(SETTLE_S)
 
+    def _plays(self, topic: str) -> bool:
+        return topic in self._publishers_by_topic
+
     def _play(self) -> int:
-        """Play once from start to end; returns the number of messages."""
+        """Play once from start to end, and from wherever it is told to go; returns the number of messages."""
         start_ns = self._bag.start_ns + round(self._config.start_offset * 1e9)
+        count = self._play_from(start_ns)
+        while self._open and self._seek_ns is not None:
+            start_ns, self._seek_ns = self._seek_ns, None
+            count += self._play_from(start_ns)
+        if not self._open:
+            return 0
+        for publisher in self._publishers_by_topic.values() if self._config.image_done else ():
+            publisher.wait_for_all_acked(Duration(seconds=LONGEST_TURN_S))
+        self.get_logger().info(f"played {count} messages of {self._bag.path}")
+        return count
+
+    def _play_from(self, start_ns: int) -> int:
         self._playback.start(start_ns)
         count = 0
         for message in self._bag.replay(list(self._publishers_by_topic), start_ns):
             if not self._wait(message):
-                return 0
+                return count
+            image = message.msgtype in IMAGES
+            if image and self._in_turn is not None and self._wait_for_node():
+                self._in_turn.begin()
             self._publishers_by_topic[message.topic].publish(message.raw)
+            self._steps -= self._steps > 0 and (image or not self._has_images)
             count += 1
-        self.get_logger().info(f"played {count} messages of {self._bag.path}")
+        self._wait_for_node()
         return count
 
+    def _wait_for_node(self) -> bool:
+        """Wait until the node is done with the last image; False if it does not tell, as it never will."""
+        if self._in_turn is not None and not self._in_turn.wait(lambda: self._open):
+            self.get_logger().warning(f"nobody tells on {self._config.image_done}; playing all the same")
+            self._in_turn = None
+        return self._in_turn is not None
+
     def _wait(self, message: Message) -> bool:
-        """Wait until a message is due, ticking ``/clock`` meanwhile; False when the player is closed."""
+        """Wait until a message is due, ticking ``/clock`` meanwhile; False when it is not to be played any more."""
         tick = 1.0 / self._config.clock_rate if self._config.clock_rate > 0.0 else 0.1
-        while self._open and not self._playback.wait(message.record_ns, tick):
+        while self._open and self._seek_ns is None:
+            if self._steps:
+                self._playback.start(message.record_ns)  # and it stands there still
+                break
+            if self._playback.wait(message.record_ns, tick):
+                break
             self._tick(min(self._playback.now_ns(), message.record_ns))
         self._tick(message.record_ns)
-        return self._open
+        return self._open and self._seek_ns is None
 
     def _tick(self, bag_ns: int) -> None:
         if self._clock_publisher is not None:
@@ -145,10 +196,23 @@ class BagPlayer(Node):
         response.success, response.message = True, "paused" if request.data else "playing"
         return response
 
+    def _on_step(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        response.success = self._playback.paused
+        self._steps += response.success
+        response.message = "one image further" if response.success else "not paused; call ~/pause first"
+        return response
+
+    def _on_stop(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        self._open = False
+        response.success, response.message = True, "stopped"
+        return response
+
     def _on_change(self, parameters: list[Any]) -> None:
         for changed in parameters:
             if changed.name == "rate":
                 self._playback.set_rate(changed.value)
+            elif changed.name == "start_offset":
+                self._seek_ns = self._bag.start_ns + round(changed.value * 1e9)
             elif changed.name == "loop":
                 self._loop = changed.value
 
@@ -174,8 +238,13 @@ def message_class(msgtype: str) -> Any:
         return None
 
 
-def quality(topic: str, msgtype: str) -> QoSProfile:
-    """Reliable, as it serves subscribers of either kind; few images, as a queue of them would be too large."""
+def quality(topic: str, msgtype: str, *, every: bool) -> QoSProfile:
+    """Reliable, as it serves subscribers of either kind; few images, as a queue of them would be too large.
+
+    Where `every` message counts, as much may wait to be delivered as lies between two images.
+    """
+    if every:
+        return EVERY_IMAGE_QOS if msgtype in IMAGES else EVERY_SAMPLE_QOS
     profile = QoSProfile(depth=2 if msgtype == IMAGE else 50, reliability=ReliabilityPolicy.RELIABLE)
     if topic == "/tf_static":
         profile.durability = DurabilityPolicy.TRANSIENT_LOCAL

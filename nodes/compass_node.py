@@ -9,11 +9,14 @@ from rclpy.node import Node
 from std_srvs.srv import Empty
 
 from compass import VisualCompass
+from compass.errors import ConfigError
 from fusion import Warning
 from fusion.checks.images import image_warnings
 from fusion.checks.warnings import most_serious_first
+from fusion.settings import absent
 from nodes.compass_stream import CompassStream
 from nodes.diagnostics import Diagnostics, Finding, warned
+from nodes.names import check_names
 from nodes.parameters import NodeParameters
 from nodes.runtime import on_jump_back, run
 from nodes.throttled_log import ThrottledLog, WarningLogger
@@ -32,6 +35,11 @@ class CompassNode(Node):
         super().__init__("compass_node", automatically_declare_parameters_from_overrides=True)
         parameters = NodeParameters(self, ("topics", "compass"))
         settings = parameters.settings
+        check_names(self, settings.topics)
+        if absent(settings.topics.compass_image):
+            raise ConfigError(
+                "compass_image: none, and a compass_node has nothing else; give the topic of the panoramas"
+            )
         log = ThrottledLog(self.get_logger().warning)
         compass = VisualCompass(settings.compass)
         self.warning_sources: list[Callable[[], Iterable[Warning]]] = [lambda: image_warnings(compass)]
@@ -40,7 +48,7 @@ class CompassNode(Node):
         parameters.on_change(self._stream.apply)
         self.create_service(Empty, "~/reset", self._on_reset)
         self._jumps = on_jump_back(self, self._stream.reset)
-        self.get_logger().info(f"compass {self._stream.topic} -> {settings.topics.compass_output_topic}")
+        self.get_logger().info(f"compass {self._stream.topic} -> {self._stream.output}")
         self._diagnostics = Diagnostics(self, {"images": self._finding})
 
     def _finding(self) -> Finding:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import threading
 import time
@@ -12,23 +13,28 @@ import numpy as np
 from nav_msgs.msg import Odometry
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.node import Node
-from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from sensor_msgs.msg import CompressedImage, Image
+from std_msgs.msg import Header
 
-from compass import CompassStatus, VisualCompass, YawIncrement
+from compass import CompassStatus, ConfigError, VisualCompass, YawIncrement
 from compass.features.long_baseline import Comparison
+from compass.parameters import shown
 from fusion.compass_rate import CompassRate
 from fusion.messages import image_of, stamp_to_ns
+from fusion.pictures import Picture, PictureStream, packet_of
 from fusion.settings import Settings
 from nodes.conversions import yaw_odometry
-from nodes.diagnostics import Finding, compass_figures, stream_finding
-from nodes.health import SequenceGaps, StreamHealth
+from nodes.diagnostics import Finding, compass_figures, delivered, stream_finding
+from nodes.health import Level, StreamHealth
+from nodes.link import NO_DEFAULTS, Link
+from nodes.names import resolved_name
 from nodes.newest_worker import NewestWorker
+from nodes.quality import EVERY_IMAGE_QOS, IMAGE_QOS, PACKET_QOS
 from nodes.throttled_log import ThrottledLog, surviving
-from nodes.transport import compressed_topic, raw_topic
+from nodes.transport import image_topic
 
-IMAGE_QOS = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+LONGEST_SETTLING_S = 10.0  # of the executor, before an image is worked on all the same: the node is ending
 
 ImageMessage: TypeAlias = Image | CompressedImage
 
@@ -50,6 +56,8 @@ class CompassStream:
         Makes an increment of stamp, image and encoding: `VisualCompass.update`, or `YawPipeline.measure_image`.
     use : callable, optional
         Takes every increment, in the image thread, or that which looks back; tells `health` whether it was used.
+    after : callable, optional
+        Calls what it is given once all is used that has arrived or was handed to `use`; at once where there is none.
     """
 
     def __init__(
@@ -60,6 +68,7 @@ class CompassStream:
         log: ThrottledLog,
         measure: Callable[[int, Any, str], YawIncrement | None] | None = None,
         use: Callable[[YawIncrement], object] | None = None,
+        after: Callable[[Callable[[], None]], None] = lambda done: done(),
     ) -> None:
         topics = settings.topics
         self._node = node
@@ -67,33 +76,40 @@ class CompassStream:
         self._log = log
         self._measure = measure or compass.update
         self._use = use
+        self._after = after
         self._frames = (topics.odom_frame, topics.base_frame)
         self._busy = threading.Lock()  # held while an image is worked on
         self._rate = CompassRate()
         self._confidence = math.nan
+        self._dropped = 0  # at the last finding
         warm_up(settings)
         self.settings = settings
         self.health = StreamHealth()
-        self._gaps = SequenceGaps()
-        compressed = topics.image_transport == "compressed"
-        self._kind = CompressedImage if compressed else Image
-        self.topic = (compressed_topic if compressed else raw_topic)(topics.compass_image)
+        given, self._kind = image_topic(topics.compass_image, topics.image_transport)
+        self.topic = resolved_name(node, given, "compass_image")
+        self._pictures = PictureStream(settings.compass.decoded_columns)
+        self._decode = surviving(node, self.topic, log, self._decode_packet)
         work = surviving(node, self.topic, log, self._work)
-        self._worker: NewestWorker[ImageMessage] = NewestWorker(work, "images")
+        self._worker: NewestWorker[ImageMessage | tuple[Picture, ...]] = NewestWorker(
+            work, "images", EVERY_IMAGE_QOS.depth if topics.reliable else 1
+        )
         compare = surviving(node, self.topic, log, self._compare)
         self._resets = 0
         self._back: NewestWorker[tuple[int, Comparison]] = NewestWorker(
             compare, "long baselines"
         )  # takes longer than an image may
         self._publisher = node.create_publisher(Odometry, topics.compass_output_topic, 10)
-        node.create_subscription(
+        self._done = node.create_publisher(Header, "~/image_done", EVERY_IMAGE_QOS) if topics.reliable else None
+        subscription = node.create_subscription(
             self._kind,
-            self.topic,
+            given,
             cast(Any, self._receive),  # takes the message's info, too, which rclpy's types leave out
-            IMAGE_QOS,
+            EVERY_IMAGE_QOS if topics.reliable else IMAGE_QOS if topics.image_transport == "raw" else PACKET_QOS,
             callback_group=MutuallyExclusiveCallbackGroup(),
+            event_callbacks=NO_DEFAULTS,
             qos_overriding_options=QoSOverridingOptions.with_default_policies(),
         )
+        self.link = Link(node, subscription, given)
 
     def apply(self, settings: Settings) -> None:
         """Take over settings that may change while running."""
@@ -114,34 +130,67 @@ class CompassStream:
 
     def finding(self) -> Finding:
         """What the diagnostics say of images and compass."""
-        level, text, figures = stream_finding(
-            self._node, self.health, self.settings.topics.sensor_timeout, self.topic, self._kind
-        )
-        figures |= {"dropped": str(self._worker.dropped), "lost on the way": str(self._gaps.lost)}
+        timeout = self.settings.topics.sensor_timeout
+        level, text, figures = stream_finding(self._node, self.health, timeout, self.link)
+        dropped, self._dropped = self._worker.dropped - self._dropped, self._worker.dropped
+        if level is Level.WARN and dropped:
+            text += f"; {dropped} images overtaken while they waited for the compass"
+        figures["dropped"] = str(self._worker.dropped)
         figures |= compass_figures(self._compass, self._confidence)
-        return level, text, figures | self._log.figures(self.topic)
+        return delivered(self._node, (level, text, figures | self._log.figures(self.topic)), self._publisher)
+
+    @property
+    def output(self) -> str:
+        """Fully qualified name of the raw compass's topic."""
+        return str(self._publisher.topic_name)
 
     def _receive(self, message: ImageMessage, info: dict[str, Any]) -> None:
-        self._gaps.see(info.get("publication_sequence_number"))
+        self.link.see(info.get("publication_sequence_number"))
+        self.link.size = len(message.data)
+        if isinstance(message, Image):
+            self.link.shape = f"{message.width} x {message.height} {shown(message.encoding, 20)}"
         self.health.receive(time.monotonic())
-        self._worker.offer(message)
+        self._decode(message)
 
-    def _work(self, message: ImageMessage) -> None:
-        with self._busy:
-            self._serve(message)
+    def _decode_packet(self, message: ImageMessage) -> None:
+        """A picture is decoded when its turn comes, if it comes; a video's packets all are, as they need each other."""
+        if packet_of(message) is None:
+            self._worker.offer(message)
+            return
+        pictures = tuple(self._pictures.add(message))
+        if pictures or self._done is not None:  # whoever waits to hear that it is done is not to wait for a picture
+            self._worker.offer(pictures)
 
-    def _serve(self, message: ImageMessage) -> None:
-        compass = self._compass
-        t_ns = stamp_to_ns(message.header.stamp)
-        image, encoding = image_of(message, compass.config.columns)
-        increment = self._measure(t_ns, image, encoding)
+    def _work(self, item: ImageMessage | tuple[Picture, ...]) -> None:
+        """Serve a message, or the pictures that a packet completed."""
+        try:
+            if self._done is not None:  # what the compass knows of the tilt is not to depend on who came first
+                settled = threading.Event()
+                self._after(settled.set)
+                settled.wait(LONGEST_SETTLING_S)
+            with self._busy:
+                for one in item if isinstance(item, tuple) else (self._picture_of(item),):
+                    self._serve(one)
+        finally:
+            if self._done is not None:
+                done = self._done
+                self._after(lambda: done.publish(Header()))
+
+    def _picture_of(self, message: ImageMessage) -> Picture:
+        return Picture(stamp_to_ns(message.header.stamp), *image_of(message, self._compass.config.decoded_columns))
+
+    def _serve(self, picture: Picture) -> None:
+        compass, t_ns = self._compass, picture.t_ns
+        increment = self._measure(t_ns, picture.image, picture.encoding)
         if increment is not None:
             self._confidence = increment.confidence
             self._publish(increment)
             if self._use is not None:
                 self._use(increment)
                 comparison = compass.due_long_baseline()
-                if comparison is not None:
+                if comparison is not None and self._done is not None:
+                    self._take(comparison())
+                elif comparison is not None:
                     self._back.offer((self._resets, comparison))
         elif compass.status is not CompassStatus.FIRST_FRAME:
             self._log(self.topic, compass.status.value)
@@ -154,8 +203,12 @@ class CompassStream:
         resets, comparison = due
         increment = comparison()
         with self._busy:
-            if increment is not None and self._use is not None and resets == self._resets:
-                self._use(increment)
+            if resets == self._resets:
+                self._take(increment)
+
+    def _take(self, increment: YawIncrement | None) -> None:
+        if increment is not None and self._use is not None:
+            self._use(increment)
 
     def _publish(self, increment: YawIncrement) -> None:
         compass = self._compass
@@ -171,5 +224,6 @@ def warm_up(settings: Settings) -> None:
     """Let the libraries load and plan what they do on first use; else the first images would wait for that."""
     compass = VisualCompass(settings.compass)
     view = np.random.default_rng(0).integers(0, 256, (512, 1024), np.uint8)
-    for t_ns, shift in enumerate((0, 3), 1):
-        compass.update(t_ns * 30_000_000, np.roll(view, shift, axis=1))
+    with contextlib.suppress(ConfigError):  # the region of interest may lie outside of an image of another shape
+        for t_ns, shift in enumerate((0, 3), 1):
+            compass.update(t_ns * 30_000_000, np.roll(view, shift, axis=1))

@@ -11,10 +11,11 @@ from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
 
 from fusion import YawEstimate
+from fusion.dead_reckoning import Place
 from fusion.messages import MessageError, yaw_of
 
 UNMEASURED = 1e6  # variance of an axis nobody measured: large, yet finite, so that a filter can invert it
-_CERTAIN = 1e-9  # rad^2; a pose set "exactly", with variance 0, still leaves the filter something to invert
+_CERTAIN = 1e-9  # rad^2, m^2; a pose set "exactly", with variance 0, still leaves the filter something to invert
 _UNKNOWN = math.pi**2  # rad^2; a sigma of half a turn says nothing, and more would only cost the filter its digits
 _UNMEASURED_COVARIANCE = np.diag(np.full(6, UNMEASURED)).reshape(36)
 YAW = 35  # place of the yaw's variance in a row-major 6x6 covariance
@@ -76,8 +77,30 @@ def yaw_covariance(variance: float) -> npt.NDArray[np.float64]:
     return covariance
 
 
-def fused_odometry(estimate: YawEstimate, frames: tuple[str, str]) -> Odometry:
-    """The fused estimate as Odometry."""
-    return yaw_odometry(
+def fused_odometry(estimate: YawEstimate, frames: tuple[str, str], place: Place | None = None) -> Odometry:
+    """The fused estimate as Odometry; x, y and the speed as well where the `place` is known."""
+    message = yaw_odometry(
         estimate.t_ns, estimate.yaw, estimate.heading_variance, estimate.yaw_rate, estimate.yaw_rate_variance, frames
     )
+    if place is not None:
+        message.pose.pose.position.x, message.pose.pose.position.y = place.x, place.y
+        message.twist.twist.linear.x = place.speed
+        for (row, column), value in np.ndenumerate(place.covariance):
+            message.pose.covariance[6 * row + column] = value + (_CERTAIN if row == column else 0.0)
+        message.twist.covariance[0] = place.speed_variance + _CERTAIN
+    return message
+
+
+def pose_place(message: PoseWithCovarianceStamped) -> tuple[float, float, tuple[float, float, float]]:
+    """Position x, y, m, and its covariance xx, xy, yy, m^2, of a ``set_pose`` message.
+
+    Raises
+    ------
+    MessageError
+        A number is not finite, or the covariance is none.
+    """
+    position, covariance = message.pose.pose.position, message.pose.covariance
+    xx, xy, yy = float(covariance[0]), float(covariance[1]), float(covariance[7])
+    if not all(map(math.isfinite, (position.x, position.y, xx, xy, yy))) or min(xx, yy, xx * yy - xy * xy) < 0.0:
+        raise MessageError("position or its covariance is not finite, or that is no covariance")
+    return position.x, position.y, (xx, xy, yy)

@@ -1,23 +1,22 @@
-"""What ``/diagnostics`` says of streams, compass and filter."""
+"""What ``/diagnostics`` says of streams and compass, and how it is published."""
 
 from __future__ import annotations
 
 import math
 import time
-from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
+from rclpy.publisher import Publisher
 
 from compass import VisualCompass
-from fusion import Sensor, SensorReport, Warning, YawEstimate
-from fusion.imu.tilt import tilt_angle
-from fusion.state.filter_state import FilterState
+from fusion.buffer.events import Sensor
+from fusion.checks.warnings import Warning
 from nodes.health import Level, StreamHealth
+from nodes.link import Link, unserved
 from nodes.throttled_log import ThrottledLog, surviving
-from nodes.transport import compressed_topic
 
 PERIOD_S = 1.0
 _QUIET_PERIODS = 3  # after the start: the sensors' drivers may be starting, too
@@ -58,7 +57,7 @@ class Diagnostics:
             message.status.append(
                 DiagnosticStatus(
                     level=bytes([level]),
-                    name=f"{self._node.get_name()}: {name}",
+                    name=f"{self._node.get_fully_qualified_name()}: {name}",
                     message=text,
                     hardware_id="visual_compass",
                     values=[KeyValue(key=key, value=value) for key, value in figures.items()],
@@ -76,8 +75,8 @@ class Diagnostics:
             self._tell(name, "back")
 
 
-def stream_finding(node: Node, health: StreamHealth, timeout: float, topic: str, kind: type) -> Finding:
-    """Health of a stream, with the age of its newest used message by the node's clock.
+def stream_finding(node: Node, health: StreamHealth, timeout: float, link: Link) -> Finding:
+    """Health of a stream and of the way it comes, with the age of its newest used message by the node's clock.
 
     Parameters
     ----------
@@ -87,15 +86,30 @@ def stream_finding(node: Node, health: StreamHealth, timeout: float, topic: str,
         Of the stream.
     timeout : float
         Silence from which on it is stale, s.
-    topic, kind : str, type
-        Name and message class of the stream.
+    link : Link
+        The way from its publishers.
     """
     level, text, figures = health.judge(time.monotonic(), timeout)
-    if level is Level.STALE:
-        text += why_silent(node, topic, kind)
+    wrong, explained, seen = link.look()
+    figures |= seen
+    if level is Level.STALE and not explained:
+        text += link.why_silent()
+    if wrong:
+        text = wrong if level is Level.OK else f"{text}; {wrong}"
+        level = max(level, Level.WARN)
     if health.stamp_ns is not None:
         figures["age [s]"] = f"{(node.get_clock().now().nanoseconds - health.stamp_ns) * 1e-9:.3f}"
     return level, text, figures
+
+
+def delivered(node: Node, finding: Finding, publisher: Publisher) -> Finding:
+    """A finding, with those who subscribe to one of its outputs in vain."""
+    level, text, figures = finding
+    wrong = unserved(node, publisher.topic, publisher.qos_profile)
+    if not wrong:
+        return finding
+    figures |= {f"not matching, {publisher.topic_name}": wrong}
+    return max(level, Level.WARN), wrong if level is Level.OK else f"{text}; {wrong}", figures
 
 
 def warned(finding: Finding, warnings: Iterable[Warning], sensor: Sensor | None = None) -> Finding:
@@ -116,26 +130,6 @@ def warned(finding: Finding, warnings: Iterable[Warning], sensor: Sensor | None 
     return Level.WARN, found[0].text, figures
 
 
-def why_silent(node: Node, topic: str, kind: type) -> str:
-    """What can be seen from here of the reason why nothing comes."""
-    wanted = type_name(kind)
-    others = {publisher.topic_type for publisher in node.get_publishers_info_by_topic(topic)}
-    if not others:
-        compressed = compressed_topic(topic)
-        if compressed != topic and node.count_publishers(compressed):
-            return f"; nobody publishes {topic}, but {compressed} is there: set image_transport to compressed"
-        return f"; nobody publishes {topic}"
-    if wanted not in others:
-        return f"; {topic} is a {', '.join(sorted(others))}, not a {wanted}"
-    return ""
-
-
-def type_name(kind: type) -> str:
-    """Name of a message class as ROS writes it, ``sensor_msgs/msg/Imu``."""
-    package = kind.__module__.split(".")[0]
-    return f"{package}/msg/{kind.__name__}"
-
-
 def compass_figures(compass: VisualCompass, confidence: float) -> dict[str, str]:
     """The compass's last outcome and the count of every outcome."""
     figures = {
@@ -145,58 +139,3 @@ def compass_figures(compass: VisualCompass, confidence: float) -> dict[str, str]
         "yaw sigma [deg]": f"{math.degrees(math.sqrt(compass.yaw_variance)):.3f}",
     }
     return figures | {f"images: {status.value}": str(count) for status, count in dict(compass.counts).items()}
-
-
-def gate_figures(report: SensorReport | None) -> dict[str, str]:
-    """How a sensor's samples fared at the filter's gate."""
-    if report is None:
-        return {}
-    return {
-        "NIS": f"{report.nis:.2f}",
-        "gate": report.verdict.value,
-        "gate: accepted": str(report.accepted),
-        "gate: rejected": str(report.rejected),
-        "gate: recovered": str(report.recovered),
-    }
-
-
-def state_figures(sensor: Sensor, state: FilterState) -> dict[str, str]:
-    """What the filter has found out about a sensor."""
-    if sensor is Sensor.COMPASS:
-        stray = 1e3 * math.sqrt(state.jitter.variance)
-        return {"references lost": str(state.references_lost), "stamps stray by [ms]": f"{stray:.1f}"}
-    if sensor is Sensor.TRACKS:
-        voice = state.odometry_fields
-        spoken = [name for name, spoke in (("pose", voice.pose), ("twist", voice.twist)) if spoke]
-        return {"filled in": " and ".join(spoken) or "nothing but zeros so far"}
-    up = state.trail.ups[-1] if state.trail.ups else None
-    return {"tilt of the robot [deg]": f"{math.degrees(tilt_angle(up)):.1f}" if up else "not known"}
-
-
-def count_figures(counts: Counter[str], prefix: str) -> dict[str, str]:
-    """The counts whose name begins with `prefix`."""
-    return {name: str(count) for name, count in sorted(dict(counts).items()) if name.startswith(prefix)}
-
-
-def fusion_finding(estimate: YawEstimate | None, live: int) -> Finding:
-    """State of the filter; `live` is how many sensors feed it at present."""
-    if estimate is None:
-        return Level.STALE, "no sample yet", {}
-    figures = {
-        "yaw [deg]": f"{math.degrees(estimate.yaw):.2f}",
-        "yaw sigma [deg]": f"{math.degrees(math.sqrt(estimate.yaw_variance)):.3f}",
-        "yaw rate [deg/s]": f"{math.degrees(estimate.yaw_rate):.3f}",
-        "gyro bias [deg/s]": f"{math.degrees(estimate.gyro_bias):.4f}",
-        "gyro bias sigma [deg/s]": f"{math.degrees(math.sqrt(estimate.gyro_bias_variance)):.4f}",
-        "track scale": f"{estimate.track_scale:.4f}",
-        "track scale sigma": f"{math.sqrt(estimate.track_scale_variance):.4f}",
-        "camera delay [ms]": f"{1e3 * estimate.camera_delay:.1f}",
-        "camera delay sigma [ms]": f"{1e3 * math.sqrt(estimate.camera_delay_variance):.1f}",
-        "standstill": str(estimate.standstill),
-        "slip": str(estimate.slip),
-    }
-    if live == 0:
-        return Level.STALE, "no sensor feeds the filter", figures
-    if live < len(Sensor):
-        return Level.WARN, f"only {live} of {len(Sensor)} sensors feed the filter", figures
-    return Level.OK, "OK", figures

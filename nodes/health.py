@@ -85,31 +85,46 @@ class StreamHealth:
             return Level.ERROR, "messages come, none can be used"
         if came - served > _UNUSABLE_SHARE * came + 1.0:  # one may be under way
             gate = f", {refused} refused at the filter's gate" if refused else ""
-            return Level.WARN, f"{came - served} of {came} messages not used{gate}"
+            return (
+                Level.WARN,
+                f"{came - served} of {came} messages ({100.0 * (came - served) / came:.0f} %) not used{gate}",
+            )
         return Level.OK, "OK"
 
 
 class SequenceGaps:
-    """Counts what a publisher sent and nobody received, from the gaps in its sequence numbers.
+    """Counts the gaps in the sequence numbers of messages, where they are known to be one publisher's.
 
     Attributes
     ----------
-    lost : int
-        Messages that never arrived.
+    skipped : int
+        Messages of one publisher that were never taken out of the queue: lost, or overtaken in it.
     """
 
     _LONGEST = 1000  # a longer gap is another publisher
 
     def __init__(self) -> None:
-        self.lost = 0
+        self.skipped = 0
+        self._unsettled = 0
+        self._steps_back = 0
         self._last: int | None = None
-        self._onward = True  # whether the last step was: with two publishers at once, each second step goes back
 
     def see(self, number: int | None) -> None:
         """Note the sequence number of a message that arrived; None where the middleware gives none."""
         if number is not None and self._last is not None:
             step = number - self._last
-            if self._onward and 0 < step <= self._LONGEST:
-                self.lost += step - 1
-            self._onward = step > 0
+            self._steps_back += step < 0
+            if 0 < step <= self._LONGEST:
+                self._unsettled += step - 1
         self._last = number
+
+    def settle(self, single: bool) -> None:
+        """Count the gaps since the last call, if there was a `single` publisher in all that time."""
+        if single and not self._steps_back:
+            self.skipped += self._unsettled
+        self._unsettled = 0
+
+    def take_steps_back(self) -> int:
+        """How often the numbers went back since the last call: once for a restart, many times for two publishers."""
+        steps, self._steps_back = self._steps_back, 0
+        return steps

@@ -1,8 +1,9 @@
-"""Images in a thread of their own: the newest is worked on, the rest is dropped and counted."""
+"""Images in a thread of their own: the newest is worked on, the rest is dropped and counted; or each in its turn."""
 
 from __future__ import annotations
 
 import threading
+from collections import deque
 from collections.abc import Callable
 from typing import Generic, TypeVar
 
@@ -10,12 +11,16 @@ Item = TypeVar("Item")
 
 
 class NewestWorker(Generic[Item]):
-    """A thread that works on the newest item; one that is overtaken before its turn is dropped.
+    """A thread that works on the newest items; one that is overtaken before its turn is dropped.
 
     Parameters
     ----------
     work : callable
         Called with one item at a time, in the worker's thread; must not raise.
+    name : str
+        Of the thread.
+    room : int
+        How many may wait; the oldest of more is dropped.
 
     Attributes
     ----------
@@ -23,9 +28,9 @@ class NewestWorker(Generic[Item]):
         Items overtaken so far.
     """
 
-    def __init__(self, work: Callable[[Item], None], name: str) -> None:
+    def __init__(self, work: Callable[[Item], None], name: str, room: int = 1) -> None:
         self._work = work
-        self._waiting: Item | None = None
+        self._waiting: deque[Item] = deque(maxlen=room)
         self._open = True
         self._changed = threading.Condition()
         self.dropped = 0
@@ -35,8 +40,8 @@ class NewestWorker(Generic[Item]):
     def offer(self, item: Item) -> None:
         """Hand over an item; returns at once."""
         with self._changed:
-            self.dropped += self._waiting is not None
-            self._waiting = item
+            self.dropped += len(self._waiting) == self._waiting.maxlen
+            self._waiting.append(item)
             self._changed.notify()
 
     def close(self, timeout: float = 1.0) -> None:
@@ -49,9 +54,8 @@ class NewestWorker(Generic[Item]):
     def _run(self) -> None:
         while True:
             with self._changed:
-                self._changed.wait_for(lambda: self._waiting is not None or not self._open)
+                self._changed.wait_for(lambda: self._waiting or not self._open)
                 if not self._open:
                     return
-                item, self._waiting = self._waiting, None
-            if item is not None:
-                self._work(item)
+                item = self._waiting.popleft()
+            self._work(item)

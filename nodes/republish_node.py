@@ -17,11 +17,11 @@ from sensor_msgs.msg import CompressedImage, Image
 
 from compass.errors import ImageError
 from compass.parameters import ParameterSet, parameter
+from nodes.names import compressed_topic, raw_topic, resolved_name
 from nodes.newest_worker import NewestWorker
 from nodes.parameters import declare_config
 from nodes.runtime import run
 from nodes.throttled_log import ThrottledLog, surviving
-from nodes.transport import compressed_topic, raw_topic
 
 RAW_QOS = QoSProfile(depth=2, reliability=ReliabilityPolicy.RELIABLE)  # serves subscribers of either kind
 
@@ -30,7 +30,7 @@ RAW_QOS = QoSProfile(depth=2, reliability=ReliabilityPolicy.RELIABLE)  # serves 
 class RepublishConfig(ParameterSet):
     """Settings of the republisher."""
 
-    compass_image: str = parameter("/viz/pano/image", "raw topic; the compressed one has /compressed behind it")
+    compass_image: str = parameter("viz/pano/image", "raw topic; the compressed one has /compressed behind it")
 
 
 class RepublishNode(Node):
@@ -42,8 +42,9 @@ class RepublishNode(Node):
     def __init__(self) -> None:
         super().__init__("republish_node", automatically_declare_parameters_from_overrides=True)
         self._topic = raw_topic(declare_config(self, RepublishConfig).compass_image)
+        name = resolved_name(self, self._topic, "compass_image")
         self._log = ThrottledLog(self.get_logger().warning)
-        self._worker = NewestWorker(surviving(self, self._topic, self._log, self._republish), "images")
+        self._worker = NewestWorker(surviving(self, name, self._log, self._republish), "images")
         self._publisher = self.create_publisher(Image, self._topic, RAW_QOS)
         self._timer = self.create_timer(0.1, self._watch, clock=SteadyClock(clock_type=ClockType.STEADY_TIME))
 

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import gc
 import logging
+import re
 import signal
 from collections.abc import Callable, Sequence
 
 import rclpy
 from rclpy.clock import JumpHandle, JumpThreshold, TimeJump
 from rclpy.duration import Duration
+from rclpy.exceptions import NameValidationException
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.impl.rcutils_logger import RcutilsLogger
 from rclpy.node import Node
@@ -48,7 +50,7 @@ def run(make_node: Callable[[], Node], args: Sequence[str] | None = None) -> int
     try:
         rclpy.init(args=None if args is None else list(args))
     except RuntimeError as error:  # rcl's: a parameter file or remapping it cannot parse
-        log.fatal(str(error))
+        log.fatal(one_line(error))
         return 1
     try:
         executor = SingleThreadedExecutor()
@@ -61,8 +63,8 @@ def run(make_node: Callable[[], Node], args: Sequence[str] | None = None) -> int
             executor.spin_once(timeout_sec=_LONGEST_WAIT_S)
     except (KeyboardInterrupt, ExternalShutdownException, FinishedError):
         pass
-    except VisualCompassError as error:
-        log.fatal(str(error))
+    except (VisualCompassError, NameValidationException) as error:
+        log.fatal(one_line(error))
         return 1
     except Exception:
         if rclpy.ok():
@@ -73,6 +75,11 @@ def run(make_node: Callable[[], Node], args: Sequence[str] | None = None) -> int
             node.destroy_node()
         rclpy.try_shutdown()
     return 0
+
+
+def one_line(error: Exception) -> str:
+    """An error in one line, without the places in rcl's source that it passed through."""
+    return re.sub(r", at \S+:\d+", "", " ".join(str(error).split()))
 
 
 def on_jump_back(node: Node, reset: Callable[[], None]) -> JumpHandle:

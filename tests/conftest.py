@@ -17,7 +17,14 @@ cv2.setNumThreads(1)  # as many processes as cores run tests already
 SLOW = {
     *("test_consistency", "test_smoother", "test_fusion", "test_fusion_faults", "test_exposure", "test_lean"),
     *("test_compass_gap", "test_compass_driving", "test_compass_long_baseline", "test_compass_photos"),
-    *("test_offline_calibrate", "test_offline_real", "test_cli"),
+    *(
+        "test_offline_calibrate",
+        "test_offline_real",
+        "test_offline_report",
+        "test_offline_many",
+        "test_offline_cluster",
+        "test_cli",
+    ),
     *("test_simulation_drive", "test_simulation_held_out", "test_torture", "test_cases_bags", "test_cases_links"),
 }
 

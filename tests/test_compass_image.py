@@ -10,7 +10,8 @@ import pytest
 from panoramas import as_bytes, scene
 
 from compass import CompassConfig, ImageError
-from compass.images.decode import image_from_compressed, image_from_raw, to_grey
+from compass.images.decode import image_from_compressed, to_grey
+from compass.images.raw import image_from_raw
 from compass.images.strip import prepare_strip
 
 HEIGHT, WIDTH = 5, 12
@@ -88,7 +89,7 @@ def test_raw_image_ignores_data_beyond_the_last_row():
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"encoding": "bayer_rggb8"}, "bayer_rggb8.*mono8"),
+        ({"encoding": "16SC1"}, "16SC1.*mono8"),
         ({"encoding": ""}, "unknown"),
         ({"height": 0}, "empty"),
         ({"width": 0, "step": 0}, "empty"),

@@ -1,6 +1,8 @@
 """Who may import whom; and that nothing but the nodes needs ROS."""
 
 import ast
+import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -22,10 +24,21 @@ ROOMS = {
     "fusion/checks": {"numpy", "scipy", "compass", "fusion"},
     "fusion/imu": {"numpy", "compass", "fusion"},
     "fusion/simulation": NUMERICS | {"compass", "fusion", "platformdirs"},
-    "fusion/offline": NUMERICS | {"compass", "fusion", "rosbags", "matplotlib", "click", "rich", "yaml"},
+    "fusion/offline": NUMERICS
+    | {"compass", "fusion", "rosbags", "matplotlib", "click", "rich", "yaml"}
+    | {"fsspec", "pyarrow"},  # of the extra `cluster`, each where it is needed
+    "fusion/offline/report": NUMERICS | {"compass", "fusion", "bokeh"},
 }
 # parameter files are read by the one and written by the other
-ALSO = {"fusion/bounded_yaml.py": {"yaml"}, "fusion/settings.py": {"yaml"}}
+ALSO = {
+    "fusion/bounded_yaml.py": {"yaml"},
+    "fusion/settings.py": {"yaml"},
+    "compass/images/video.py": {"av"},
+    "fusion/offline/video_file.py": {"av", "telemetry_parser"},
+    "fusion/offline/library.py": {"pandas"},
+    "fusion/offline/allan.py": {"allantools"},
+    "fusion/offline/rerun_export.py": {"rerun"},
+}
 NEVER = {
     "compass": ("fusion",),
     "compass/images": ("fusion", "compass.methods", "compass.features"),
@@ -97,3 +110,24 @@ def test_imports_unknown_name_is_an_attribute_error():
 
     with pytest.raises(AttributeError, match="module 'compass' has no attribute 'nothing'"):
         compass.nothing  # noqa: B018
+
+
+@pytest.mark.parametrize("node", ["fusion_node", "compass_node"])
+def test_imports_of_a_node_are_what_it_uses(node):
+    """On the robot: no bags, no plots, no command line."""
+    pytest.importorskip("rclpy", reason="rclpy is not installed: pip install '.[ros]'")
+    hidden = ["rosbags", "matplotlib", "click", "rich", "platformdirs", "fusion.offline", "fusion.simulation"]
+    code = f"import sys\nfor name in {hidden!r}:\n    sys.modules[name] = None\nimport nodes.{node}\n"
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert result.returncode == 0, result.stderr
+
+
+@pytest.mark.parametrize("command", [["-m", "nodes.fusion_node"], ["nodes/executables/fusion_node"]])
+def test_imports_end_silently_with_ctrl_c(command):
+    """As soon as the first line of ours has run; a module that signals stands for a user at the keyboard."""
+    pytest.importorskip("rclpy", reason="rclpy is not installed: pip install '.[ros]'")
+    environment = dict(os.environ, PYTHONPATH=f"{ROOT / 'tests' / 'interrupting'}{os.pathsep}{ROOT}")
+    result = subprocess.run(
+        [sys.executable, *command], cwd=ROOT, env=environment, capture_output=True, text=True, check=False
+    )
+    assert (result.returncode, result.stdout, result.stderr) == (-signal.SIGINT, "", "")

@@ -95,4 +95,16 @@ def test_plan_asks_which_of_two_gyros(tmp_path, parameters):
     with pytest.raises(VisualCompassError, match="choose one with gyro_topic:="):
         plan_bag(ARGUMENTS | {"bagfile": bag}, parameters)
     plan = plan_bag(ARGUMENTS | {"bagfile": bag, "gyro_topic": "none"}, parameters)
-    assert "gyro_topic" not in plan.arguments
+    assert plan.arguments["gyro_topic"] == "none"
+
+
+@pytest.mark.parametrize(
+    ("given", "done"),
+    [({}, "/fusion_node/image_done"), ({"namespace": "robot1", "name": "heading"}, "/robot1/heading/image_done")],
+)
+def test_plan_without_losses_waits_for_the_node_and_republishes_nothing(given, done, tmp_path, parameters):
+    bag = make_bag(tmp_path / "a.mcap")
+    plan = plan_bag(ARGUMENTS | {"bagfile": bag, "reliable": "true"} | given, parameters)
+    assert plan.player.image_done == done
+    assert (plan.arguments["reliable"], plan.transport, plan.republish) == ("true", "compressed", False)
+    assert "reliable" not in plan_bag(ARGUMENTS | {"bagfile": bag}, parameters).arguments

@@ -56,7 +56,7 @@ def image(t_ns=START_NS + SECOND, **fields):
 
 
 BAD_IMAGES = {
-    "'bayer_rggb8' is unknown": lambda: image(encoding="bayer_rggb8"),
+    "'16SC1' is unknown": lambda: image(encoding="16SC1"),
     "xxxxx": lambda: image(encoding="'; \n\x1b[31m" + "x" * 5000),
     "0 x 0 pixels": lambda: image(width=0, height=0),
     "step 3 is shorter": lambda: image(step=3),

@@ -168,11 +168,11 @@ def test_reset_forgets_the_images_and_the_raw_yaw(kind):
     try:
         stream = node._stream
         for k in range(3):
-            stream._serve(image_message(START_NS + k * 10**8, panorama(0.1 * k, texture)))
+            stream._work(image_message(START_NS + k * 10**8, panorama(0.1 * k, texture)))
         before = stream._compass.yaw
         stream.reset()
         yaw, status = stream._compass.yaw, stream._compass.status
-        stream._serve(image_message(START_NS + 3 * 10**8, panorama(1.0, texture)))
+        stream._work(image_message(START_NS + 3 * 10**8, panorama(1.0, texture)))
         after = stream._compass.yaw, stream._compass.status
     finally:
         node.destroy_node()

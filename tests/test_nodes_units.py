@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-import math
 import threading
+import time
 from types import SimpleNamespace
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -12,85 +13,31 @@ import pytest
 pytest.importorskip("rclpy", reason="rclpy is not installed: pip install '.[ros]'")
 
 import rclpy
-from geometry_msgs.msg import PoseWithCovarianceStamped
 
 from compass import YawIncrement
+from compass.errors import ConfigError
 from fusion import GyroSample, YawEstimate
-from fusion.messages import MessageError, stamp_to_ns, yaw_of
-from nodes.conversions import fused_odometry, ns_to_stamp, pose_yaw, yaw_odometry
-from nodes.diagnostics import fusion_finding
+from fusion.messages import stamp_to_ns
+from nodes.compass_node import CompassNode
+from nodes.filter_figures import fusion_finding
 from nodes.fusion_node import FusionNode
 from nodes.health import Level, SequenceGaps, StreamHealth
+from nodes.names import compressed_topic, raw_topic
 from nodes.newest_worker import NewestWorker
 from nodes.parameters import describe, settings_specs
 from nodes.sample_queue import SampleQueue
 from nodes.throttled_log import REPEAT_S, ThrottledLog
-from nodes.transforms import transform_of
-from nodes.transport import compressed_topic, raw_topic
-
-FRAMES = ("odom", "base_link")
-START_YAWS = [math.radians(a) for a in (0.0, 60.0, 180.0, -120.0)] + [math.pi - 1e-9, -math.pi + 1e-9]
+from nodes.transforms import transform_broadcaster
 
 
 def estimate(yaw=0.0):
     return YawEstimate(1_500_000_000_123_456_789, yaw, 1e-4, 0.5, 1e-6, 0.0, 1e-6, 1.0, 1e-2)
 
 
-@pytest.mark.parametrize("turns", [0, 3, -2])
-@pytest.mark.parametrize("yaw", START_YAWS)
-def test_odometry_carries_yaw_and_nothing_else(yaw, turns):
-    message = fused_odometry(estimate(yaw + turns * math.tau), FRAMES)
-    q, p, twist = message.pose.pose.orientation, message.pose.pose.position, message.twist.twist
-    assert q.x**2 + q.y**2 + q.z**2 + q.w**2 == pytest.approx(1.0, abs=1e-12)
-    # the angle between both, free of the wrap at pi
-    assert math.remainder(yaw_of(q) - yaw, math.tau) == pytest.approx(0.0, abs=1e-9)
-    assert (p.x, p.y, p.z, twist.linear.x, twist.linear.y, twist.linear.z) == (0.0,) * 6
-    assert (twist.angular.x, twist.angular.y, twist.angular.z) == (0.0, 0.0, 0.5)
-    assert (message.header.frame_id, message.child_frame_id) == FRAMES
-
-
-def test_stamp_survives_there_and_back_to_the_nanosecond():
-    t_ns = 1_500_000_000_123_456_789
-    assert stamp_to_ns(ns_to_stamp(t_ns)) == t_ns
-    assert stamp_to_ns(fused_odometry(estimate(), FRAMES).header.stamp) == t_ns
-
-
-def test_covariances_can_be_inverted_by_a_filter():
-    message = yaw_odometry(1, 0.1, 2e-4, 0.3, 5e-5, FRAMES)
-    for covariance, yaw_variance in ((message.pose.covariance, 2e-4), (message.twist.covariance, 5e-5)):
-        matrix = np.reshape(covariance, (6, 6))
-        assert matrix[5, 5] == yaw_variance
-        assert np.all(np.diag(matrix)[:5] >= 1e3)  # rad^2 or m^2: says nothing of them
-        np.linalg.cholesky(matrix)  # raises unless positive definite
-        assert np.linalg.cond(matrix) < 1e12  # and well inside double precision
-
-
-def test_transform_repeats_the_odometry():
-    message = fused_odometry(estimate(0.7), FRAMES)
-    transform = transform_of(message)
-    assert (transform.header.frame_id, transform.child_frame_id) == FRAMES
-    assert transform.header.stamp == message.header.stamp
-    assert yaw_of(transform.transform.rotation) == pytest.approx(0.7)
-    assert transform.transform.translation.x == 0.0
-
-
-def pose(w=1.0, z=0.0, variance=0.01):
-    message = PoseWithCovarianceStamped()
-    message.pose.pose.orientation.w, message.pose.pose.orientation.z = w, z
-    message.pose.covariance[35] = variance
-    return message
-
-
-def test_set_pose_is_read():
-    yaw, variance = pose_yaw(pose(math.cos(0.4), math.sin(0.4), 0.02))
-    assert (yaw, variance) == (pytest.approx(0.8), 0.02)
-    assert 0.0 < pose_yaw(pose(variance=0.0))[1] < 1e-6
-
-
-@pytest.mark.parametrize("bad", [pose(w=0.0), pose(w=math.nan), pose(variance=-1.0), pose(variance=math.nan)])
-def test_set_pose_that_says_nothing_is_refused(bad):
-    with pytest.raises(MessageError, match=r"orientation|variance of yaw"):
-        pose_yaw(bad)
+@pytest.mark.parametrize("frames", [("odom", "odom"), ("", "base_link"), ("odom", "/base_link")])
+def test_frames_that_no_tree_can_have_are_refused(frames):
+    with pytest.raises(ConfigError, match="without a leading slash"):
+        transform_broadcaster(None, frames)
 
 
 def test_complaint_is_said_once_and_counted():
@@ -162,19 +109,24 @@ def test_health_reports_the_rate():
     assert health.judge(2.0, 2.0)[2]["rate [Hz]"] == "30.0"
 
 
-def test_gaps_in_the_sequence_are_counted_but_not_a_new_publisher():
+def counted(numbers, single=True):
+    """Gaps and steps back of a second in which these sequence numbers arrived."""
     gaps = SequenceGaps()
-    for number in (5, 6, 9, 10, 1, 2, 4, None, 7, 1_000_000):
+    for number in numbers:
         gaps.see(number)
-    assert gaps.lost == 2 + 1  # 7 and 8; 3
+    gaps.settle(single)
+    return gaps.skipped, gaps.take_steps_back()
 
 
-def test_gaps_between_two_publishers_are_none():
-    gaps = SequenceGaps()
-    for k in range(100):
-        gaps.see(500 + k)
-        gaps.see(k)
-    assert gaps.lost == 0
+def test_gaps_in_the_sequence_of_one_publisher_are_counted():
+    assert counted((5, 6, 9, None, 10, 12)) == (2 + 1, 0)
+    assert counted((5, 1_000_000)) == (0, 0)  # that is another publisher
+
+
+def test_gaps_beside_another_publisher_or_a_restart_are_none():
+    assert counted([n for k in range(100) for n in (500 + k, k)]) == (0, 100)
+    assert counted((5, 6, 500, 501, 7, 502), single=False) == (0, 1)
+    assert counted((90, 91, 1, 2)) == (0, 1)
 
 
 def test_worker_serves_the_newest_and_counts_the_overtaken():
@@ -244,10 +196,62 @@ def test_fused_yaw_is_published_at_the_rate_asked_for(hertz, published):
 
 def test_samples_of_one_turn_are_used_in_the_order_of_their_stamps():
     used, late = [], YawIncrement(1, 20, 0.0, 1e-4, 0.9)
-    queue = SampleQueue(SimpleNamespace(create_timer=lambda *_, **__: None), used.append)
+    node = SimpleNamespace(create_timer=Mock(), create_guard_condition=Mock())
+    queue = SampleQueue(node, used.append)
     gyro = [GyroSample(t_ns, 0.0) for t_ns in (30, 10)]
     queue.send(late)
     for sample in gyro:
         queue.append(sample)
     queue._turn()
     assert used == [[gyro[1], late, gyro[0]]]
+
+
+def test_node_without_input_does_nothing_and_wakes_with_the_first_sample():
+    rclpy.init(args=["--ros-args", "-p", "compass_image:=none"])
+    node, turns = FusionNode(), []
+    try:
+        queue, used = node._queue, []
+        turn, queue._use = queue._turn, used.append
+        queue._timer.callback = lambda: turns.append(1) or turn()
+        executor = rclpy.executors.SingleThreadedExecutor()
+        executor.add_node(node)
+
+        def spin_until(true, seconds):
+            end = time.monotonic() + seconds
+            while time.monotonic() < end and not true():
+                executor.spin_once(timeout_sec=0.1)
+
+        spin_until(lambda: queue._timer.is_canceled(), 60.0)
+        turns.clear()
+        spin_until(lambda: False, 0.3)  # thirty turns of a timer that runs
+        assert turns == []
+        increment = YawIncrement(1, 2, 0.0, 1e-6, 0.9)
+        threading.Thread(target=queue.send, args=(increment,)).start()
+        spin_until(lambda: used, 60.0)
+        assert used == [[increment]]
+        spin_until(lambda: queue._timer.is_canceled(), 60.0)
+        assert queue._timer.is_canceled()
+        assert queue._idle.can_execute(None)
+    finally:
+        node.destroy_node()
+        rclpy.try_shutdown()
+
+
+@pytest.mark.parametrize(
+    ("kind", "topics", "says"),
+    [
+        (FusionNode, {"fused_output_topic": "''"}, "fused_output_topic: '' is no name of a topic: .*empty"),
+        (FusionNode, {"odometry_topic": "a//b"}, "odometry_topic: 'a//b' is no name of a topic"),
+        (FusionNode, {"compass_image": "none", "gyro_topic": "none", "odometry_topic": "''"}, "at least one sensor"),
+        (CompassNode, {"compass_image": "none"}, "a compass_node has nothing else"),
+    ],
+)
+def test_names_that_leave_nothing_to_do_are_refused(kind, topics, says):
+    given = [part for name, value in topics.items() for part in ("-p", f"{name}:={value}")]
+    rclpy.init(args=["--ros-args", *given])
+    try:
+        with pytest.raises(ConfigError, match=says) as error:
+            kind()
+        assert "\n" not in str(error.value)
+    finally:
+        rclpy.try_shutdown()

@@ -115,7 +115,7 @@ def test_node_names_what_its_own_compass_saw(kind):
         stream = node._stream
         for k, width in enumerate((512, 512, 256, 256)):
             view = panorama(0.1 * k, texture)[:, :: 512 // width]
-            stream._serve(image_message(START_NS + k * SECOND // 10, view.copy()))
+            stream._work(image_message(START_NS + k * SECOND // 10, view.copy()))
         _, message, values = node._diagnostics._sources["images"]()
         variance = stream._compass.yaw_variance
     finally:

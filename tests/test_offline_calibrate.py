@@ -14,6 +14,7 @@ from compass.methods.sector_median import SectorShifts
 from fusion.offline.cli import main
 from fusion.offline.mounting import body_top, forward_column, static_pixels
 from fusion.offline.scores import COMPASS, FUSED
+from fusion.offline.summary import key_of
 from fusion.settings import load_settings
 
 COLUMNS = 1024
@@ -98,7 +99,7 @@ def test_calibrate_and_fuse_tell_how_late_the_images_are_stamped(tmp_path, capsy
         assert " ms after their exposure; taken into account" in capsys.readouterr().out
         summary = json.loads((tmp_path / f"out{len(more)}" / "summary.json").read_text())
         assert summary["camera_delay_s"] == pytest.approx(0.08, abs=3.0 * summary["camera_delay_sigma_s"])
-        fused, compass = (summary["yaw"][source]["final_error_deg"] for source in (FUSED, COMPASS))
+        fused, compass = (summary["yaw"][key_of(source)]["final_error_deg"] for source in (FUSED, COMPASS))
         assert abs(fused) < 0.2 * abs(compass)  # 0.08 s at 0.5 rad/s: 2.3 deg
 
 

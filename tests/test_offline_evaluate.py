@@ -21,7 +21,7 @@ from fusion.offline.recording import read_recording
 from fusion.offline.run import fuse_recording
 from fusion.offline.scores import COMPASS, FUSED, GYRO, TRACKS, Score, YawTrack
 from fusion.offline.streams import Frame, GyroTrack, OdometryTrack, TruthTrack
-from fusion.offline.summary import summarise
+from fusion.offline.summary import key_of, summarise
 from fusion.offline.topics import choose_topics
 from fusion.settings import Settings
 
@@ -295,8 +295,10 @@ def test_summary_gives_errors_in_degrees(tiny_bag):
         summary = summarise(run, recording)["yaw"]
     for name, score in scores.scores(run).items():
         for key in ("final", "rms", "worst"):
-            assert summary[name][f"{key}_error_deg"] == pytest.approx(math.degrees(getattr(score, key)), abs=1e-3)
+            assert summary[key_of(name)][f"{key}_error_deg"] == pytest.approx(
+                math.degrees(getattr(score, key)), abs=1e-3
+            )
     # the gyro's bias of 0.01 rad/s over 3 s, 1.7 deg at the end: of a straight line the RMS is 1 / sqrt(3)
-    gyro = summary[GYRO]
+    gyro = summary[key_of(GYRO)]
     assert gyro["final_error_deg"] == pytest.approx(math.degrees(0.03), rel=1e-3)
     assert gyro["rms_error_deg"] == pytest.approx(math.degrees(0.03) / math.sqrt(3.0), rel=0.02)

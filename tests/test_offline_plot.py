@@ -15,15 +15,16 @@ from tiny_bags import START_NS, TinyBag, TinyDrive
 
 from fusion.offline import plot
 from fusion.offline.cli import main
-from fusion.offline.fuse import fuse_bag
-from fusion.offline.scores import COMPASS, FUSED, YawTrack, errors
+from fusion.offline.curves import thinned
+from fusion.offline.earlier_results import ALWAYS, OPTIONAL
+from fusion.offline.fuse_bag import fuse_bag
+from fusion.offline.scores import COMPASS, FUSED, TRACKS, YawTrack, errors
 from fusion.offline.streams import TruthTrack
 from fusion.settings import Settings
 
 DRIVE = TinyDrive(seconds=1.5, width=64)
 NAN = math.nan
 HOUR_NS = 3600 * 10**9
-RESULTS = {"yaw.csv", "compass.tum", "fused.tum", "result.mcap", "summary.json", "yaw.png", "config.yaml"}
 
 Write = Callable[[TinyBag, int, float, float], None]  # bag, stamp (ns), turn rate, yaw
 
@@ -126,7 +127,9 @@ def test_fuse_and_evaluate_stand_where_there_is_little_to_show(tmp_path, case, c
         assert not (tmp_path / "out").exists()
         return
     assert code == 0
-    assert {file.name for file in (tmp_path / "out").iterdir()} - {"smoothed.tum"} == RESULTS
+    written = {file.name for file in (tmp_path / "out").iterdir()}
+    assert set(ALWAYS) <= written <= {*ALWAYS, *OPTIONAL}
+    assert all((tmp_path / "out" / name).stat().st_size for name in written)
     assert cv2.imread(str(tmp_path / "out" / "yaw.png")).shape[0] > 300
     capsys.readouterr()
     assert main(["evaluate", str(path)]) == (0 if can_be_scored else 1)
@@ -165,16 +168,60 @@ def test_plot_of_numbers_that_are_none_has_an_axis():
         }
         low, high = axis_of(plot._deviations, tracks, plot._Clock(START_NS)).get_ylim()
         assert -math.inf < low < high < math.inf
-        values = [(int(t), value, 1.0) for t in t_ns]
-        low, high = axis_of(plot._learnt, plot._Clock(START_NS), values, 1.0, "k", "x").get_ylim()
+        band = t_ns, np.full(10, value), np.ones(10)
+        low, high = axis_of(plot._learnt, plot._Clock(START_NS), band, "k", "x").get_ylim()
         assert -math.inf < low < high < math.inf
 
 
 def test_plot_of_a_learnt_state_whose_sigma_grows_at_the_end_shows_the_state():
     sigma = np.concatenate([np.full(90, 0.1), np.geomspace(0.1, 1e6, 10)])
-    values = [(int(t), 1.0, float(s**2)) for t, s in zip(times(100), sigma, strict=True)]
-    low, high = axis_of(plot._learnt, plot._Clock(START_NS), values, 1.0, "k", "x").get_ylim()
-    assert (low, high) == (pytest.approx(0.7, abs=1e-3), pytest.approx(1.3, abs=1e-3))
+    for growing in (sigma, np.concatenate([np.full(40, 0.1), np.geomspace(0.1, 1e6, 60)])):
+        band = times(100), np.ones(100), growing
+        low, high = axis_of(plot._learnt, plot._Clock(START_NS), band, "k", "x").get_ylim()
+        assert (low, high) == (pytest.approx(0.7, abs=1e-3), pytest.approx(1.3, abs=1e-3))
+
+
+def test_plot_of_a_runaway_sensor_and_a_diverging_sigma_shows_the_good_ones():
+    """Without truth the fused yaw is the line at zero: only the compass says how large the panel must be."""
+    t_ns = times(100)
+    tracks = {
+        FUSED: YawTrack(t_ns, np.zeros(100), np.geomspace(1e-3, 1e6, 100)),
+        COMPASS: YawTrack(t_ns, np.radians(np.linspace(0.0, 0.5, 100))),
+        TRACKS: YawTrack(t_ns, np.radians(np.linspace(0.0, 400.0, 100))),
+    }
+    assert 0.5 <= axis_of(plot._deviations, tracks, plot._Clock(START_NS)).get_ylim()[1] <= 4.5 * 0.5
+
+
+def test_plot_thinned_keeps_the_spike_of_one_sample():
+    values = np.zeros(100_000)
+    values[41_234], values[77_777] = 5.0, -3.0
+    values[500:600] = NAN
+    kept = thinned(values, 2000)
+    assert kept.size <= 2000
+    assert (np.diff(kept) > 0).all()
+    assert (kept[0], kept[-1]) == (0, values.size - 1)
+    assert {41_234, 77_777} <= set(kept.tolist())
+    assert thinned(values[:7], 2000).tolist() == list(range(7))
+
+
+@pytest.mark.parametrize("name", ["\u8d70\u884c\u8a18\u9332", "cost $5 and $a_b", "\ud55c\uad6d\uc5b4 \U0001f916"])
+def test_plot_of_a_bag_with_a_foreign_name_complains_of_nothing(name, tmp_path):
+    path = tmp_path / name
+    write_case(path)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert main(["fuse", str(path), "--out", str(tmp_path / "out")]) == 0
+    assert cv2.imread(str(tmp_path / "out" / "yaw.png")).shape[0] > 300
+
+
+def test_plot_cuts_no_legend_off(tmp_path, tiny_bag):
+    """White at the margins: nothing reaches over the edge, however long a legend is."""
+    run = fuse_bag(tiny_bag, tmp_path / "out", Settings()).run
+    far = YawTrack(run.truth.t_ns, run.truth.yaw * 1e7 / np.abs(run.truth.yaw).max())
+    plot.plot_run(dataclasses.replace(run, truth=TruthTrack(far.t_ns, far.yaw)), tmp_path / "yaw.png", "x")
+    picture = cv2.imread(str(tmp_path / "yaw.png"))
+    for edge in (picture[:3], picture[-3:], picture[:, :3], picture[:, -3:]):
+        assert (edge == 255).all()
 
 
 def test_plot_of_rows_without_any_usable_number_is_a_picture(tmp_path):

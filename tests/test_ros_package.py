@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from fusion.settings import TopicSettings, load_settings
+from fusion.settings import TopicSettings, in_bag, load_settings
 
 ROOT = Path(__file__).resolve().parents[1]
 LAUNCH = sorted((ROOT / "nodes" / "launch").glob("*.launch.py"))
@@ -33,6 +33,9 @@ KEYS = {
     "tf2_ros": "tf2_ros_py",
 }
 
+# imported when needed, and one line says so where they are not there
+EXTRAS = ("allantools", "av", "bokeh", "distributed", "fsspec", "pandas", "pyarrow", "rerun", "telemetry_parser")
+
 
 def imported(path):
     """Top-level names that a module imports."""
@@ -50,7 +53,7 @@ def manifest():
 
 
 def test_manifest_names_every_import_of_the_package():
-    ours = {"compass", "fusion", "nodes", "__future__"}
+    ours = {"compass", "fusion", "nodes", "__future__", *EXTRAS}
     needed = set()
     for room in ("compass", "fusion", "nodes"):
         for path in (ROOT / room).rglob("*.py"):
@@ -58,6 +61,19 @@ def test_manifest_names_every_import_of_the_package():
     declared = {element.text for element in manifest().iter("exec_depend")}
     missing = {KEYS.get(name, name) for name in needed} - declared
     assert not missing, f"package.xml lacks exec_depend for {sorted(missing)}"
+
+
+def test_manifest_s_keys_of_the_nodes_are_all_that_the_nodes_import():
+    """Without those of bags (see `test_imports_of_a_node_are_what_it_uses`), and none is from pip."""
+    always = {element.text for element in manifest().iter("exec_depend") if element.get("condition") is None}
+    assert not {key for key in always if key.endswith("-pip")}
+    assert not always & {KEYS[name] for name in ("rosbags", "click", "rich", "matplotlib", "platformdirs")}
+
+
+def test_colcon_finds_that_pytest_runs_the_tests():
+    """It takes unittest, finds nothing and reports success, unless an extra called `test` asks for pytest."""
+    project = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
+    assert re.search(r'^test = \["pytest', project, re.MULTILINE)
 
 
 def test_manifest_and_citation_agree_with_the_distribution():
@@ -144,9 +160,23 @@ def test_plot_layout_shows_topics_that_the_node_has(name):
     else:
         shown = [curve.get("name") for curve in ET.fromstring(text).iter("curve")]
         assert "covariance[" not in text  # PlotJuggler names its elements covariance/[row;column]
-    topics = {value for name, value in TopicSettings().to_dict().items() if name.endswith("_topic")}
+    named = TopicSettings().to_dict().items()
+    topics = {
+        in_bag(value) for name, value in named if name.endswith("_topic") and name != "truth_topic"
+    }  # offline only
     assert {topic for topic in topics for value in shown if value.startswith(topic)} == topics
     assert all(any(value.startswith(topic) for topic in topics) for value in shown)
+
+
+def test_rviz_layout_shows_outputs_that_match():
+    """Relative names, so that rviz2 in a robot's namespace shows that robot; a reliable output serves both kinds."""
+    layout = yaml.safe_load((ROOT / "config" / "visual_compass.rviz").read_text(encoding="utf-8"))
+    manager = layout["Visualization Manager"]
+    topics = {display["Topic"]["Value"]: display["Topic"] for display in manager["Displays"] if "Topic" in display}
+    settings = TopicSettings()
+    assert set(topics) == {settings.fused_output_topic, settings.compass_output_topic, settings.compass_image}
+    assert {topic["Durability Policy"] for topic in topics.values()} == {"Volatile"}
+    assert manager["Global Options"]["Fixed Frame"] == settings.odom_frame
 
 
 def test_licence_is_the_same_everywhere():

@@ -229,7 +229,7 @@ def test_user_is_told_that_the_robot_leant_or_that_a_gap_was_crossed():
     knows = {"camera_delay_s": None, "camera_delay_sigma_s": None, "images": {}}
     assert remarks(knows | {"greatest_tilt_deg": None}) == remarks(knows | {"greatest_tilt_deg": 5.0}) == []
     assert "tilted by up to 20 deg" in remarks(knows | {"greatest_tilt_deg": 20.4})[0]
-    found = remarks(knows | {"greatest_tilt_deg": None, "images": {"OK": 9, "FOUND_AGAIN": 2}})
+    found = remarks(knows | {"greatest_tilt_deg": None, "images": {"ok": 9, "found_again": 2}})
     assert found == ["after 2 gaps in what the camera showed the compass found its last view again"]
 
 

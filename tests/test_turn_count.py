@@ -27,7 +27,8 @@ def heard(rates, gap, sensors):
     if "gyro" in sensors:
         samples += [GyroSample(int(t * 1e9), rates[t > BEFORE] + 0.003 * rng.normal()) for t in stamps(100)]
     if "tracks" in sensors:
-        samples += [OdometrySample(int(t * 1e9), 1.3 * rates[t > BEFORE], 0.3) for t in stamps(20)]
+        claims = [(t, 1.3 * rates[t > BEFORE], 1.3 * yaw(t) if "poses" in sensors else None) for t in stamps(20)]
+        samples += [OdometrySample(int(t * 1e9), rate, 0.3, pose) for t, rate, pose in claims]
     if "compass" in sensors:
         times = stamps(15)
         for since, until in itertools.pairwise(times):
@@ -38,7 +39,17 @@ def heard(rates, gap, sensors):
 
 @pytest.mark.parametrize("gap", [1.0, 3.0, 8.0])
 @pytest.mark.parametrize("rates", [(2.1, 0.0), (1.0, 0.0), (0.5, -0.5), (0.0, 1.0), (0.5, 0.5)])
-@pytest.mark.parametrize("sensors", [("gyro", "tracks", "compass"), ("gyro", "tracks"), ("compass",)])
+@pytest.mark.parametrize(
+    "sensors",
+    [
+        ("gyro", "tracks", "compass"),
+        ("gyro", "tracks", "poses", "compass"),
+        ("gyro", "tracks", "poses"),
+        ("tracks", "poses"),
+        ("tracks", "poses", "compass"),
+        ("compass",),
+    ],
+)
 def test_yaw_is_within_three_sigma_after_a_gap(sensors, rates, gap):
     samples, yaw = heard(rates, gap, sensors)
     fusion, worst, worst_heading = YawFusion(), 0.0, 0.0
@@ -53,20 +64,25 @@ def test_yaw_is_within_three_sigma_after_a_gap(sensors, rates, gap):
     assert worst < 3.0
     assert worst_heading < 3.0
     lost = [warning for warning in estimate.warnings if warning.code == "turn_lost"]
-    assert lost or estimate.yaw_variance < math.radians(45.0) ** 2
-    assert not lost or estimate.yaw_variance > math.radians(10.0) ** 2
+    assert lost or gap < 8.0 or "compass" not in sensors
+    assert not lost or gap > 1.0
     if "compass" in sensors:
         assert estimate.heading_variance < math.radians(6.0) ** 2
 
 
 @pytest.mark.parametrize(("sigma", "expected"), [(0.5, 0.0), (100.0, 100.0**2)])
 def test_full_turns_are_as_open_as_the_prediction_was(sigma, expected):
-    count = TurnCount().after(1, 0.1, sigma**2)
+    count = TurnCount().after(1, 0.1, sigma**2, 10.0)
     assert count.variance == pytest.approx(expected, rel=0.1)
     assert (count.since_ns is None) == (expected == 0.0)
 
 
 def test_the_nearer_of_two_turns_is_the_likelier():
     """Of an innovation of half a turn, two turns are as likely."""
-    even = TurnCount().after(1, math.pi - 1e-9, 1.0)
+    even = TurnCount().after(1, math.pi - 1e-9, 1.2, 1.0)
     assert even.variance == pytest.approx(0.5 * math.tau**2, rel=1e-3)
+
+
+def test_no_robot_turns_round_between_two_images():
+    assert TurnCount().after(1, 0.1, 100.0, 0.49) == TurnCount()
+    assert TurnCount().after(1, 0.1, 100.0, 0.51).variance > 1.0

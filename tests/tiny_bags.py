@@ -189,5 +189,5 @@ def _write(bag: TinyBag, drive: TinyDrive, t: float, kind: str, images: str) -> 
         bag.odometry("/ground_truth/odom", t_ns, float(drive.yaw(t)), rate)
     elif images == "compressed":
         bag.compressed("/viz/pano/image/compressed", t_ns, drive.panorama(t - drive.camera_delay))
-    else:
+    elif images == "raw":
         bag.image("/viz/pano/image", t_ns, drive.panorama(t - drive.camera_delay))

@@ -22,7 +22,7 @@ from compass.features.motion import DIRECTIONS, FIRST_PX, NEXT_PX, ambiguity, ya
 from compass.features.padded_strip import MARGIN, Picture
 from compass.features.patch_alignment import align
 from compass.features.points import sectors_of
-from compass.features.prior import DISAGREE, FEWEST, LOCK_PX, imu_tilt, precision_of, tilt_error
+from compass.features.prior import DISAGREE, FEWEST, GAP, LOCK_PX, imu_tilt, precision_of, tilt_error
 from compass.features.relative_pose import INLIER, Motion, evidence, find_motion, misses
 from compass.features.solver import DIRECTION, ROTATION, YAW, Fit, Problem, Start, ascend, even_shares
 from compass.features.tracking import MIN_LIKENESS
@@ -170,6 +170,8 @@ def follow_landmarks(reference: Strip, current: Strip, search: Search) -> Match:
     The variance is that of the turn about the camera's own axis; the confidence is the share of matching corners that
     are inliers.
     """
+    if _sees_one_side(reference):
+        return NO_MATCH
     views = Views.of(reference, current, search)
     pairs = _matched(views.before, views.after)[0]
     if len(pairs) < FEWEST:
@@ -184,6 +186,8 @@ def match_landmarks(reference: Strip, current: Strip, search: Search) -> Match:
 
     As `follow_landmarks`, but whatever the turn.
     """
+    if _sees_one_side(reference):
+        return NO_MATCH
     views = Views.of(reference, current, search)
     pairs, alike = _matched(views.before, views.after)
     if len(pairs) < FEWEST:
@@ -204,6 +208,11 @@ def match_landmarks(reference: Strip, current: Strip, search: Search) -> Match:
     if off**2 > DISAGREE**2 * (motion.variance + variance * per_px**2):  # another motion explains them as well
         return NO_MATCH
     return replace(match, variance_px2=variance)
+
+
+def _sees_one_side(strip: Strip) -> bool:
+    """Whether the camera itself shows so little of the circle that travel over metres may look like any turn."""
+    return strip.seen is not None and strip.seen.widest_hidden > GAP
 
 
 def _sharpened(views: Views, pairs: Indices, rough: Fit, mean: Floats, yaw_sigma: float = math.inf) -> Match | None:
@@ -249,9 +258,9 @@ def landmarks_of(strip: Strip) -> Landmarks:
         return nothing
     at = np.array([corner.pt for corner in corners]) - [MARGIN, 0.0]
     inside = (at[:, 0] >= -0.5) & (at[:, 0] < strip.columns - 0.5)  # each once
-    if strip.seen is not None:
+    if picture.clear is not None:
         column, row = np.rint(at).astype(np.intp).T
-        inside &= strip.seen.pixels[row, column % strip.columns] > 0.0
+        inside &= picture.clear[row, column % strip.columns]
     return Landmarks(picture, at[inside], np.asarray(descriptors, np.uint8)[inside])
 
 

@@ -47,7 +47,8 @@ class Picture:
     def __init__(self, strip: Strip) -> None:
         self.strip = strip
         means = np.asarray(strip.means, np.float32)
-        gain = CONTRAST / max(float(np.sqrt(strip.contrast**2 + means.var())), 1.0)
+        share = 1.0 if strip.seen is None else max(strip.seen.share, 1e-3)
+        gain = CONTRAST / max(float(np.sqrt(strip.contrast**2 / share + means.var())), 1.0)
         grey = np.empty((len(strip.pixels), strip.columns + 2 * MARGIN), np.float32)
         np.add(strip.pixels, means, out=grey[:, MARGIN:-MARGIN])
         grey[:, :MARGIN], grey[:, -MARGIN:] = grey[:, -2 * MARGIN : -MARGIN], grey[:, MARGIN : 2 * MARGIN]
@@ -71,10 +72,7 @@ class Picture:
 
     @cached_property
     def clear(self) -> npt.NDArray[np.bool_] | None:
-        """(rows, columns) where the patch about a pixel shows nothing of the robot; None: everywhere."""
+        """(rows, columns) where the patch about a pixel shows nothing but the world; None: everywhere."""
         if self.strip.seen is None:
             return None
-        robot = cv2.copyMakeBorder(1.0 - self.strip.seen.pixels, 0, 0, MARGIN, MARGIN, cv2.BORDER_WRAP)
-        size = 2 * (HALF + 3) + 1  # and of the blur and the interpolation
-        near = cv2.dilate(np.asarray(robot, np.float32), np.ones((size, size), np.uint8))
-        return np.asarray(near[:, MARGIN:-MARGIN] < 0.5)
+        return self.strip.seen.clear_of(HALF + 3)  # and of the blur and the interpolation

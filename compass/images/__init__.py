@@ -1,1 +1,1 @@
-"""Images to strips: decoding and grey values, region of interest, mask of the robot, check for the full circle."""
+"""Images to strips: decoding, projections, region of interest, mask of the robot, check for the full circle."""

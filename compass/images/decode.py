@@ -1,4 +1,4 @@
-"""Image bytes, as topics and files carry them, to arrays; and arrays to grey."""
+"""Compressed images to arrays, and arrays to grey; raw ones are read in `compass.images.raw`."""
 
 from __future__ import annotations
 
@@ -14,24 +14,12 @@ from compass.images.jpeg import BEGIN, JpegHeader, upper_rows
 
 Image = npt.NDArray[Any]
 
-# encoding (sensor_msgs/image_encodings.h) -> bytes per sample, channels
-_LAYOUT = {
-    "mono8": (1, 1),
-    "8UC1": (1, 1),
-    "mono16": (2, 1),
-    "16UC1": (2, 1),
-    "bgr8": (1, 3),
-    "8UC3": (1, 3),
-    "rgb8": (1, 3),
-    "bgra8": (1, 4),
-    "8UC4": (1, 4),
-    "rgba8": (1, 4),
-    "yuv422": (1, 2),
-    "uyvy": (1, 2),
-    "yuv422_yuy2": (1, 2),
-    "yuyv": (1, 2),
+_RED_FIRST = {
+    "rgb8": cv2.COLOR_RGB2GRAY,
+    "rgb16": cv2.COLOR_RGB2GRAY,
+    "rgba8": cv2.COLOR_RGBA2GRAY,
+    "rgba16": cv2.COLOR_RGBA2GRAY,
 }
-_RED_FIRST = {"rgb8": cv2.COLOR_RGB2GRAY, "rgba8": cv2.COLOR_RGBA2GRAY}
 _LUMA_CHANNEL = {"yuv422": 1, "uyvy": 1, "yuv422_yuy2": 0, "yuyv": 0}
 # A still of today's 360-degree cameras has up to 72 megapixels (11968 x 5984), and a decoder takes several bytes for
 # each: what says to be larger is a fault or a trap (1 MB of PNG may hold a gigapixel), and is not decoded.
@@ -41,46 +29,6 @@ _BLOCK = 16  # pixels; the largest that a JPEG codes as one
 # as people and drivers call video codecs in `CompressedImage.format`
 _VIDEO = ("h264", "h.264", "x264", "avc", "h265", "h.265", "x265", "hevc", "av1", "vp8", "vp9", "mpeg4", "theora")
 _REDUCED = {2: cv2.IMREAD_REDUCED_GRAYSCALE_2, 4: cv2.IMREAD_REDUCED_GRAYSCALE_4, 8: cv2.IMREAD_REDUCED_GRAYSCALE_8}
-
-
-def image_from_raw(data: Any, encoding: str, height: int, width: int, step: int, is_bigendian: bool = False) -> Image:
-    """View the bytes of a ``sensor_msgs/Image`` as an array, without copying them.
-
-    Parameters
-    ----------
-    data : buffer
-        At least ``step * height`` bytes.
-    encoding : str
-        One of `sensor_msgs`' names: mono8, mono16, bgr8, rgb8, bgra8, rgba8, 8UC1..4, 16UC1, yuv422, yuv422_yuy2.
-    height, width, step : int
-        Rows, columns and bytes per row.
-    is_bigendian : bool
-        Byte order of 16-bit samples.
-
-    Returns
-    -------
-    (height, width) or (height, width, channels) array of uint8 or uint16
-
-    Raises
-    ------
-    ImageError
-        Unknown encoding, zero size, or `step` or `data` too short.
-    """
-    if encoding not in _LAYOUT:
-        raise ImageError(f"encoding {encoding!r} is unknown; use one of: {', '.join(_LAYOUT)}")
-    sample, channels = _LAYOUT[encoding]
-    row_bytes = width * channels * sample
-    if height <= 0 or width <= 0:
-        raise ImageError(f"image of {width} x {height} pixels is empty")
-    if step < row_bytes:
-        raise ImageError(f"step {step} is shorter than a row of {width} pixels in {encoding}, {row_bytes} bytes")
-    buffer = np.frombuffer(data, np.uint8)
-    if buffer.size < step * height:
-        raise ImageError(f"image data has {buffer.size} bytes; {height} rows of step {step} need {step * height}")
-    rows = buffer[: step * height].reshape(height, step)[:, :row_bytes]
-    if sample == 2:
-        rows = rows.view(np.dtype(">u2" if is_bigendian else "<u2"))
-    return rows if channels == 1 else rows.reshape(height, width, channels)
 
 
 def image_from_compressed(data: Any, columns: int = 0, named: str = "", bottom: float = 1.0) -> Image:

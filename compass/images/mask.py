@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from functools import cached_property
 from pathlib import Path
 
 import cv2
@@ -14,45 +13,12 @@ from compass.config import CompassConfig
 from compass.errors import ConfigError, ImageError
 from compass.files import read_bounded
 from compass.images.decode import MOST_PIXELS, image_from_compressed
-
-Weights = npt.NDArray[np.float32]
+from compass.images.orientation import Orientation
+from compass.images.seen import Seen, Weights
+from compass.images.unwrap import Unwrapping
 
 WHITE = 127  # grey values above are the robot's
 MARGIN_PX = 2  # by which the robot is taken to be larger in the strip: its edges are blurred
-
-
-@dataclass(frozen=True, eq=False)
-class Seen:
-    """Which pixels of a strip show the world.
-
-    Attributes
-    ----------
-    pixels : (rows, columns) float32 array
-        1 for the world, 0 for the robot.
-    merged : int
-        Rows of it in one of `smoothed`.
-    """
-
-    pixels: Weights
-    merged: int = 1
-
-    @cached_property
-    def counts(self) -> Weights:
-        """(rows, 1) pixels of the world in each row; 1 where there are none, to divide by."""
-        counts: Weights = np.maximum(self.pixels.sum(axis=1, keepdims=True), np.float32(1.0))
-        return counts
-
-    @cached_property
-    def share(self) -> float:
-        """Of the strip that shows the world."""
-        return float(self.pixels.mean())
-
-    @cached_property
-    def smoothed(self) -> Weights:
-        """(rows // merged, columns) share of the world in each pixel of the smoothed strip."""
-        rows = len(self.pixels) // self.merged
-        smoothed: Weights = self.pixels[: rows * self.merged].reshape(rows, self.merged, -1).mean(axis=1)
-        return smoothed
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,24 +28,38 @@ class RobotMask:
     Attributes
     ----------
     robot : (H, W) array of bool
-        True where the robot is, for a panorama of any size.
+        True where the robot is, for upright images of any size.
     """
 
     robot: npt.NDArray[np.bool_]
-    _seen: dict[tuple[int, ...], Seen] = field(default_factory=dict)
+    _seen: dict[tuple[object, ...], Seen] = field(default_factory=dict)
 
     def seen(self, image_shape: tuple[int, ...], region: slice, rows: int, columns: int, merged: int) -> Seen:
         """Which pixels of a strip of this size, cut from the rows `region` of a panorama, show the world."""
         key = (*image_shape[:2], region.start, region.stop, rows, columns, merged)
         if key not in self._seen:
-            height, width = image_shape[:2]
-            # what is only touched by the robot belongs to it, both when the picture is smaller and when it is larger
-            full = cv2.resize(self.robot.astype(np.float32), (width, height), interpolation=cv2.INTER_AREA)
-            robot = np.asarray(cv2.resize(full[region], (columns, rows), interpolation=cv2.INTER_AREA))
-            grown = _grown((robot > 1e-3).astype(np.uint8), MARGIN_PX)
-            self._seen.clear()  # a camera changes its size seldom
-            self._seen[key] = Seen(1.0 - grown.astype(np.float32), merged)
+            robot = cv2.resize(self._sized(image_shape)[region], (columns, rows), interpolation=cv2.INTER_AREA)
+            self._remember(key, _without(np.asarray(robot, np.float32)), merged)
         return self._seen[key]
+
+    def seen_through(self, how: Unwrapping, image_shape: tuple[int, ...], merged: int) -> Seen:
+        """The same of a strip that is unwrapped from an image of another projection, which shows less, too."""
+        key = (how, merged)
+        if key not in self._seen:
+            world = _without(how.strip(self._sized(image_shape)[how.cut]))
+            self._remember(key, world if how.shown is None else world * how.shown, merged)
+        return self._seen[key]
+
+    def _sized(self, image_shape: tuple[int, ...]) -> Weights:
+        """The robot in images of a size; what it only touches belongs to it, be the picture smaller or larger."""
+        height, width = image_shape[:2]
+        return np.asarray(
+            cv2.resize(self.robot.astype(np.float32), (width, height), interpolation=cv2.INTER_AREA), np.float32
+        )
+
+    def _remember(self, key: tuple[object, ...], pixels: Weights, merged: int) -> None:
+        self._seen.clear()  # a camera changes its size seldom
+        self._seen[key] = Seen(pixels, merged)
 
 
 def load_mask(config: CompassConfig) -> RobotMask | None:
@@ -100,7 +80,13 @@ def load_mask(config: CompassConfig) -> RobotMask | None:
         raise ConfigError(f"mask: {error}") from None
     except ImageError as error:
         raise ConfigError(f"mask: {config.mask}: not a picture that can be read: {error}; {remedy}") from None
-    return RobotMask((picture >> 8 if picture.dtype == np.uint16 else picture) > WHITE)
+    white = (picture >> 8 if picture.dtype == np.uint16 else picture) > WHITE
+    return RobotMask(np.ascontiguousarray(Orientation.of(config).turned(white)))
+
+
+def _without(robot: Weights) -> Weights:
+    """1 where a strip of the robot shows none of it, nor its blurred edges, else 0."""
+    return np.asarray(1.0 - _grown((robot > 1e-3).astype(np.uint8), MARGIN_PX).astype(np.float32), np.float32)
 
 
 def _grown(robot: npt.NDArray[np.uint8], by: int) -> npt.NDArray[np.uint8]:

@@ -13,7 +13,11 @@ import scipy.fft
 
 from compass.config import CompassConfig
 from compass.images.decode import Image, to_grey
-from compass.images.mask import RobotMask, Seen
+from compass.images.mask import RobotMask
+from compass.images.orientation import Orientation
+from compass.images.projection import projection_of
+from compass.images.seen import Seen
+from compass.images.unwrap import unwrapping
 from compass.tilt import Vector
 
 Pixels = npt.NDArray[np.float32]
@@ -113,18 +117,23 @@ def prepare_strip(
     """Cut the region of interest out of a panorama, make it grey and bring it to size.
 
     The strip is never larger than its source: enlarging adds no information, and interpolating over the seam where
-    the panorama's circle is cut would add a false one. What belongs to the robot by `mask` is zero, the mean.
+    the panorama's circle is cut would add a false one. What belongs to the robot by `mask` is zero, the mean, and so is
+    what the image does not show, of other projections than the full equirectangular one.
     """
+    oriented = Orientation.of(config)
+    if not oriented.is_upright and isinstance(image, np.ndarray) and image.ndim >= 2:
+        image = oriented.upright(image)
+    if not config.is_full_panorama and isinstance(image, np.ndarray) and image.ndim >= 2:
+        return _unwrapped(t_ns, image, config, encoding, mask, up, oriented)
     region = _region(image, config)
-    grey = to_grey(region, encoding)
+    grey = _grey(region, encoding, oriented)
     height, width = grey.shape
     merged = -(-height // config.rows)  # whole rows merged into one: exact, and quick
     rows, columns = height // merged, min(config.columns, width)
     small: Pixels = grey[: rows * merged].astype(np.float32)
     if (rows, columns) != (height, width):
         small = np.asarray(cv2.resize(small, (columns, rows), interpolation=cv2.INTER_AREA), np.float32)
-    if grey.dtype == np.uint16:
-        small *= np.float32(1.0 / 257.0)
+    _scale(small, grey)
     seen = None
     if mask is not None:
         first = _top(image.shape[0], config)
@@ -139,7 +148,43 @@ def prepare_strip(
 
 def rows_used(config: CompassConfig) -> float:
     """Share of an image's height, from the top, below which nothing matters to the strip."""
-    return config.roi_bottom
+    plain = config.is_full_panorama and Orientation.of(config).is_upright
+    return config.roi_bottom if plain else 1.0
+
+
+def _unwrapped(
+    t_ns: int,
+    image: Image,
+    config: CompassConfig,
+    encoding: str,
+    mask: RobotMask | None,
+    up: Vector | None,
+    oriented: Orientation,
+) -> Strip:
+    """The strip of an upright image of any projection."""
+    height, width = image.shape[:2]
+    projection = projection_of(config, height, width)
+    region = config.roi_top, config.roi_bottom
+    how = unwrapping(projection, (height, width), region, config.columns, config.rows)
+    small = how.strip(_grey(image[how.cut], encoding, oriented))
+    _scale(small, image)
+    merged = _group(how.rows, SMOOTHED_ROWS)
+    seen = how.seen(merged) if mask is None else mask.seen_through(how, (height, width), merged)
+    small, means = _without_row_means(small, seen)
+    return Strip(t_ns, small, _contrast(small), image.shape, how.top, how.row_height, seen, means, up)
+
+
+def _scale(pixels: Pixels, image: Image) -> None:
+    """Bring the grey values of an image of 16 bits to 255, in place."""
+    if image.dtype.itemsize == 2:
+        pixels *= np.float32(1.0 / 257.0)
+
+
+def _grey(region: Image, encoding: str, oriented: Orientation) -> Image:
+    """Grey and contiguous, of a view of the upright image; turned once it is grey, which is less to move."""
+    if oriented.is_upright:
+        return to_grey(region, encoding)
+    return np.ascontiguousarray(oriented.turned(to_grey(oriented.as_taken(region), encoding)))
 
 
 def _without_row_means(pixels: Pixels, seen: Seen | None) -> tuple[Pixels, Pixels]:

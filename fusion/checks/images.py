@@ -34,7 +34,8 @@ def _circle(compass: VisualCompass) -> Warning | None:
         return None
     text = (
         f"the images do not show the full circle once: {verdict.fault}, in {verdict.views} views; every turn is then "
-        "wrong by a factor: give equirectangular panoramas of 360 deg across the image width"
+        "wrong by a factor: give equirectangular panoramas of 360 deg across the image width, or say what the camera "
+        "shows (compass.projection and field_of_view_deg, docs/cameras.md)"
     )
     return Warning("not_full_circle", "compass", verdict.since_ns, text)
 

@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 
 from fusion.checks.warnings import Warning
+from fusion.checks.windows import FASTEST_ROBOT
 
 NOTICED = math.radians(10.0)  # a sigma that nobody who counts turns would overlook; a chance of 1 in 1,300
 
@@ -25,15 +26,18 @@ class TurnCount:
     variance: float = 0.0
     since_ns: int | None = None
 
-    def after(self, t_ns: int, innovation: float, S: float) -> TurnCount:
+    def after(self, t_ns: int, innovation: float, S: float, seconds: float) -> TurnCount:
         """After an increment of which the nearest turn was taken: `innovation`, rad, of the variance `S`, rad^2.
 
-        Others, whole turns away, have the likelihoods of their innovations.
+        Others, whole turns away, have the likelihoods of their innovations, if those are within 3 sigma and the robot
+        could turn round in the `seconds` since the heading was known.
         """
-        if S < 1.0:  # half a turn is beyond 3 sigma
+        farthest = 3.0 * math.sqrt(S)
+        if farthest < math.pi or FASTEST_ROBOT * seconds < math.tau:
             return self
-        turns = [math.tau * count for count in range(-math.ceil(3.0 * math.sqrt(S) / math.tau) - 1, 0)]
-        turns += [-turn for turn in turns]
+        most = math.floor((farthest + math.pi) / math.tau)
+        turns = [math.tau * count for count in range(-most, most + 1) if count]
+        turns = [turn for turn in turns if abs(innovation + turn) <= farthest]
         odds = [math.exp(0.5 * (innovation**2 - (innovation + turn) ** 2) / S) for turn in turns]
         variance = sum(one * turn**2 for one, turn in zip(odds, turns, strict=True)) / (1.0 + sum(odds))
         noticed = self.since_ns is None and variance > NOTICED**2

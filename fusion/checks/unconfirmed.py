@@ -123,8 +123,10 @@ class Unconfirmed:
     seen: Belief | None = None
 
     def with_tracks(self, sample: OdometrySample) -> Unconfirmed:
-        """After an odometry sample."""
-        return replace(self, tracks=self.tracks and self.tracks.add(sample))
+        """After an odometry sample; after a pause nobody knows what they would have claimed in it."""
+        if self.tracks is None or sample.t_ns - self.tracks.last.t_ns > RATE_SILENT_NS:
+            return replace(self, tracks=None)
+        return replace(self, tracks=self.tracks.add(sample))
 
     def with_image(self, now: Belief, *, accepted: bool) -> Unconfirmed:
         """After an image, whatever it says."""

@@ -1,11 +1,12 @@
 """Files that appear complete or not at all: written beside their place under a hidden name, then moved.
 
 A process that is killed leaves its hidden folder. Each is locked as long as its process lives, so the next run for the
-same place can tell what is left behind, and removes it.
+same place can tell what is left behind, and removes it. A folder is replaced as a whole, by two renames.
 """
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import os
 import re
@@ -21,6 +22,7 @@ from compass.errors import VisualCompassError
 
 log = logging.getLogger(__name__)
 
+_PART, _OLD = ".part", ".old"  # what is being written, and what it replaces for the moment
 _SCRATCH = "visual-compass"  # what bags are made readable in, in the folder for temporary files
 
 
@@ -30,10 +32,10 @@ class OutputError(VisualCompassError):
 
 @contextmanager
 def staged_folder(target: Path, ours: Sequence[str] = ()) -> Iterator[Path]:
-    """Give a folder to write into; on success its content takes the place of `target`'s, else nothing changes.
+    """Give a folder to write into; on success it takes the place of `target` as a whole, else nothing changes.
 
-    An existing `target` keeps what is not among the results: each file is replaced on its own, in one step. Files
-    named in `ours` are results as well, of an earlier run, and go where this one has none of that name.
+    What is in an existing `target` and has no successor among the results is kept. Files named in `ours` are results
+    as well, of an earlier run, and go where this one has none of that name.
 
     Raises
     ------
@@ -42,16 +44,55 @@ def staged_folder(target: Path, ours: Sequence[str] = ()) -> Iterator[Path]:
     """
     if target.exists() and not target.is_dir():
         raise OutputError(f"{target}: is no folder; give another --out")
+    target = target.resolve()  # not a link is replaced, but what it leads to
     with _staging(target) as staging:
         yield staging
-        stale = [name for name in ours if not (staging / name).exists()]
         if target.exists():
-            for file in sorted(staging.iterdir()):
-                file.replace(target / file.name)
-            for name in stale:
-                (target / name).unlink(missing_ok=True)
+            _keep_others(target, staging, ours)
+            _exchange(target, staging)
         else:
             staging.replace(target)
+
+
+def _keep_others(target: Path, staging: Path, ours: Sequence[str]) -> None:
+    """Bring all else that is in `target` into `staging`, too: by links, which cost nothing and lose nothing."""
+    for entry in target.iterdir():
+        successor = staging / entry.name
+        if entry.name in ours or (successor.exists() and entry.is_file()):
+            continue
+        if successor.exists():
+            raise OutputError(f"{entry}: is a folder where a result has to go; move it, or give another --out")
+        if entry.is_dir() and not entry.is_symlink():
+            shutil.copytree(entry, successor, symlinks=True, copy_function=_link)
+        else:
+            _link(str(entry), str(successor))
+
+
+def _link(file: str, copy: str) -> None:
+    """A further name for a file; a copy where the file system knows but one."""
+    try:
+        os.link(file, copy, follow_symlinks=False)
+    except OSError:
+        shutil.copy2(file, copy, follow_symlinks=False)
+
+
+def _exchange(target: Path, staging: Path) -> None:
+    """Put `staging` in the place of `target`, whose content it has or replaces; undone by whatever interrupts it."""
+    old = staging.with_suffix(_OLD)
+    lock = _lock(target, wait=True)  # held over the moment in which there is no `target`
+    try:
+        shutil.copymode(target, staging)
+        target.rename(old)
+        staging.rename(target)
+    except OSError as error:
+        raise OutputError(f"{target}: cannot be replaced: {error.strerror}; give another --out") from error
+    finally:
+        if not target.exists():
+            old.rename(target)
+        else:
+            shutil.rmtree(old, ignore_errors=True)
+        if lock is not None:
+            os.close(lock)
 
 
 @contextmanager
@@ -68,6 +109,46 @@ def staged_file(target: Path) -> Iterator[Path]:
     with _staging(target) as staging:
         yield staging / target.name
         (staging / target.name).replace(target)
+
+
+def refuse_existing(target: Path | None, *, force: bool = False, begins: bytes | None = None) -> None:
+    """Refuse to replace a file that may be its user's own work.
+
+    Parameters
+    ----------
+    target : Path or None
+        Where to write; None: nowhere.
+    force : bool
+        Whether its user gave leave.
+    begins : bytes, optional
+        How such a file of an earlier run begins: that is replaced.
+
+    Raises
+    ------
+    OutputError
+        There is another one.
+    """
+    if target is None or force or not target.exists():
+        return
+    if begins is not None and target.is_file():
+        with contextlib.suppress(OSError), target.open("rb") as file:
+            if file.read(len(begins)) == begins:
+                return
+    raise OutputError(f"{target}: exists already; give another name, or --force to replace it")
+
+
+def refuse_unusable(folder: Path) -> None:
+    """Refuse a folder for many results in which nothing can be written, before anything is done.
+
+    Raises
+    ------
+    OutputError
+        It is no folder, or cannot be made or written to.
+    """
+    if folder.exists() and not folder.is_dir():
+        raise OutputError(f"{folder}: is no folder; give another --out")
+    with _staging(folder.absolute() / "results"):
+        pass
 
 
 @contextmanager
@@ -99,7 +180,7 @@ def _locked_folder(parent: Path, name: str, mode: int) -> Iterator[Path]:
     """A new hidden folder in `parent`, locked and gone afterwards; what dead processes left of that name goes first."""
     _remove_leftovers(parent, name)
     while True:
-        folder = parent / f".{name}.{secrets.token_hex(8)}.part"  # known before it is there, should one interrupt
+        folder = parent / f".{name}.{secrets.token_hex(8)}{_PART}"  # known before it is there, should one interrupt
         lock = None
         try:
             folder.mkdir(mode)
@@ -114,18 +195,27 @@ def _locked_folder(parent: Path, name: str, mode: int) -> Iterator[Path]:
 
 
 def _remove_leftovers(parent: Path, name: str) -> None:
-    """Remove the hidden folders of that name which no living process holds."""
-    pattern = re.compile(rf"\.{re.escape(name)}\.[0-9a-f]{{16}}\.part")
+    """Remove the hidden folders of that name which no living process holds.
+
+    One that was about to be replaced when its process was killed returns to its place.
+    """
+    pattern = re.compile(rf"\.{re.escape(name)}\.[0-9a-f]{{16}}\.(part|old)")
     try:
-        found = [entry for entry in parent.iterdir() if pattern.fullmatch(entry.name)]
+        with os.scandir(parent) as entries:
+            found = [parent / entry.name for entry in entries if pattern.fullmatch(entry.name)]
     except OSError:
         return
     for folder in found:
         lock = _lock(folder, wait=False)
-        if lock is not None:
+        if lock is None:
+            continue
+        if folder.suffix == _OLD and not (parent / name).exists():
+            log.info("%s: brought back, a run was killed while it replaced it", parent / name)
+            folder.rename(parent / name)
+        else:
             log.info("%s: left by a run that was killed; removed", folder)
             shutil.rmtree(folder, ignore_errors=True)
-            os.close(lock)
+        os.close(lock)
 
 
 def _lock(folder: Path, *, wait: bool) -> int | None:

@@ -13,7 +13,7 @@ from types import TracebackType
 from typing import Any, Literal
 
 from rosbags.highlevel import AnyReader
-from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from fusion.offline.atomic_output import scratch_folder
 from fusion.offline.metadata import contradictions
@@ -32,7 +32,19 @@ from fusion.offline.storage import (
 )
 from fusion.offline.to_ros2 import Ros2Converter
 
-__all__ = ["COMPRESSED_IMAGE", "IMAGE", "IMU", "ODOMETRY", "Bag", "BagError", "Message", "Topic", "stamp_of"]
+__all__ = [
+    "COMPRESSED_IMAGE",
+    "IMAGE",
+    "IMAGES",
+    "IMU",
+    "ODOMETRY",
+    "VIDEOS",
+    "Bag",
+    "BagError",
+    "Message",
+    "Topic",
+    "stamp_of",
+]
 
 log = logging.getLogger(__name__)
 
@@ -40,6 +52,14 @@ IMU = "sensor_msgs/msg/Imu"
 IMAGE = "sensor_msgs/msg/Image"
 COMPRESSED_IMAGE = "sensor_msgs/msg/CompressedImage"
 ODOMETRY = "nav_msgs/msg/Odometry"
+# packets of videos, and their fields: bags of sqlite3 do not bring them along
+VIDEOS = {
+    "foxglove_msgs/msg/CompressedVideo": "builtin_interfaces/Time timestamp\nstring frame_id\n"
+    "uint8[] data\nstring format",
+    "ffmpeg_image_transport_msgs/msg/FFMPEGPacket": "std_msgs/Header header\nint32 width\nint32 height\n"
+    "string encoding\nuint64 pts\nuint8 flags\nbool is_bigendian\nuint8[] data",
+}
+IMAGES = (IMAGE, COMPRESSED_IMAGE, *VIDEOS)
 
 _CUT = ("truncated", "end magic", "index", "could not read", "expected", "malformed", "footer", "seek")
 # how other systems call their encodings where the library knows none but those of ROS 2
@@ -123,6 +143,8 @@ class Bag(AbstractContextManager["Bag"]):
             workshop = Workshop(lambda: stack.enter_context(scratch_folder()))
             readable = [self._guarded(self._made_readable, workshop, file) for file in files]
             self._standard = get_typestore(Stores.ROS1_NOETIC if readable[0].suffix == ROS1 else Stores.ROS2_JAZZY)
+            for msgtype, fields in VIDEOS.items():
+                self._standard.register(get_types_from_msg(fields, msgtype))
             self._reader = self._guarded(self._open, readable)
             stack.callback(self._reader.close)
             self.topics = self._guarded(self._count_topics)
@@ -182,9 +204,9 @@ class Bag(AbstractContextManager["Bag"]):
                 log.warning("%s: %s", self.path, fault)
 
     def has_header(self, msgtype: str) -> bool:
-        """Whether messages of this type begin with a ``std_msgs/Header``, and so have a stamp."""
+        """Whether messages of this type begin with a ``std_msgs/Header``, or a stamp alone, and so have one."""
         fields = self._reader.typestore.fielddefs.get(msgtype, ((), ()))[1]
-        return bool(fields) and fields[0][0] == "header"
+        return bool(fields) and (fields[0][0] == "header" or msgtype in VIDEOS)
 
     def messages(self, *topics: str) -> Iterator[Message]:
         """Messages of the named topics, in the order of the bag."""
@@ -206,7 +228,8 @@ class Bag(AbstractContextManager["Bag"]):
 
     def _message(self, connection: Any, record_ns: Any, raw: Any) -> Message:
         raw = unpacked(raw)
-        stamp_ns = stamp_of(raw, self._reader.is2)
+        has_seq = not self._reader.is2 and "timestamp" in VIDEOS.get(connection.msgtype, "")
+        stamp_ns = stamp_of(b"\0\0\0\0" + bytes(raw[:8]) if has_seq else raw, self._reader.is2)
         return Message(connection.topic, connection.msgtype, int(record_ns), stamp_ns, raw)
 
     @property

@@ -14,22 +14,26 @@ import numpy as np
 import numpy.typing as npt
 import yaml
 
-from compass import CompassConfig, VisualCompass, wrap_angle
+from compass import CompassConfig, ConfigError, VisualCompass, wrap_angle
 from compass.images.decode import to_grey
-from compass.images.mask import load_mask
+from compass.images.mask import RobotMask, load_mask
+from compass.images.orientation import Orientation
 from compass.images.strip import prepare_strip
 from compass.methods.sector_median import SectorShifts, local_shifts
-from fusion.offline.atomic_output import staged_file
-from fusion.offline.bag import Bag, BagError
+from fusion.buffer.events import Sensor
+from fusion.offline.atomic_output import refuse_existing, staged_file
+from fusion.offline.bag import BagError
+from fusion.offline.circles import looked_at, with_circles
 from fusion.offline.console import progress_bar
 from fusion.offline.contradiction_check import contradiction
+from fusion.offline.image_files import SensorFiles
 from fusion.offline.mounting import MASK_COLUMNS, Mask, Panorama, body_top, forward_column, static_pixels
-from fusion.offline.recording import BagRecording, read_recording
+from fusion.offline.open_recording import FileRecording, open_recording
 from fusion.offline.run import FusedRun, fuse_recording
 from fusion.offline.scores import FUSED, YawTrack, yaw_at, yaw_tracks
 from fusion.offline.streams import Frame, Times
 from fusion.offline.summary import KNOWN_DELAY
-from fusion.offline.topics import TopicRequest, choose_topics
+from fusion.offline.topics import TopicRequest
 from fusion.settings import Settings
 
 GIVEN_SCALE = 1e-3  # of the gyro; with 8e-3 images of the robot's body drew it by 6 %
@@ -39,6 +43,15 @@ MOST_TURNED, MOST_PAIRS = 60, 40
 STRIDE = (0.05, 0.4)  # m driven between the images of a pair
 STEADY = math.radians(1.0)  # most turning in a pair
 WRONG_TURN = math.radians(3.0)  # of turns by `TURN_STEP`; real footage measures them to a fifth of a degree
+_HEADER = "# Calibrated from "  # how the settings begin
+PANORAMAS = ("equirectangular", "cylinder")  # whose rows are elevations
+# parameters that say what the camera is: they are written again, as what was found holds only with them
+CAMERA = (
+    *("projection", "image_rotation_deg", "mirrored", "chroma_below", "field_of_view_deg", "lens_looks", "circle_x"),
+    *("circle_y", "circle_radius", "circle_roll_deg", "circle2_x", "circle2_y", "circle2_radius", "circle2_roll_deg"),
+    *("fisheye_focal", "fisheye_k1", "fisheye_k2", "fisheye_k3", "fisheye_k4"),
+    *("ring_inner", "ring_inner_elevation_deg", "ring_outer_elevation_deg"),
+)
 STILL = 1e-3  # m/s and rad/s by the tracks
 
 
@@ -75,20 +88,36 @@ class Finding:
         return f"{self.name}: {value} ({self.evidence})"
 
 
-def calibrate_bag(path: Path, settings: Settings, request: TopicRequest, out: Path, picture: Path | None) -> str:
+def calibrate_bag(
+    path: Path,
+    settings: Settings,
+    request: TopicRequest,
+    out: Path,
+    picture: Path | None,
+    *,
+    force: bool = False,
+    sensors: SensorFiles | None = None,
+) -> str:
     """Propose settings from a recording that turns, drives straight and stands; write them as YAML for ``--config``.
 
     Raises
     ------
     BagError
         The bag cannot be read, has no panoramas, the robot hardly turns in it, or its sensors contradict each other.
+    OutputError
+        Without `force`: a file is in the way that no earlier calibration wrote.
     """
-    with Bag(path) as bag:
-        choice = choose_topics(bag, settings.topics, request)
-        if choice.image is None:
-            raise BagError(f"{path}: no panoramas in it; name their topic with --image-topic")
+    refuse_existing(out, force=force, begins=_HEADER.encode())
+    refuse_existing(out.with_name(_mask_name(out)), force=force or out.exists())
+    refuse_existing(picture, force=force)
+    with open_recording(path, settings, request, sensors) as read:
         with progress_bar("reading samples") as progress:
-            recording = read_recording(bag, choice, settings.imu, settings.compass.columns, progress)
+            recording = read(progress)
+        left_out = any(one.sensor == Sensor.COMPASS.value for one in recording.warnings)  # is told below
+        if recording.topics["image"] is None and not left_out:
+            raise BagError(f"{path}: no panoramas in it; name their topic with --image-topic")
+        camera, lenses = with_circles(looked_at(recording.frames(), settings.compass), settings.compass)
+        settings = replace(settings, compass=camera)
         with progress_bar("fusing") as progress:
             run = fuse_recording(recording, _with_given_scale(settings), progress)
         if wrong := contradiction(run):
@@ -100,25 +129,25 @@ def calibrate_bag(path: Path, settings: Settings, request: TopicRequest, out: Pa
     if len(evidence.turned) < 6:
         turned = math.degrees(len(evidence.turned) * TURN_STEP)
         raise BagError(f"{path}: the robot turns by {turned:.0f} deg; calibration needs 120 and more, best a full turn")
-    static = static_pixels([_small(frame) for frame in evidence.turned])
+    static = static_pixels([_small(frame, settings.compass) for frame in evidence.turned])
     region = _region(evidence, static, shown, settings.compass)
-    mask = _mask(static, region, out)
-    findings = [*region, mask, _forward(evidence, settings.compass)]
+    mask = _mask(static, region, out, evidence.turned[0], settings.compass)
+    findings = [*_camera(lenses, settings.compass), *region, mask, _forward(evidence, settings.compass)]
     findings += [_gyro_noise(recording), _track_scale(recording, fused), delay]
     with ExitStack() as files:  # the settings appear last: they never name a mask that is not there
         files.enter_context(staged_file(out)).write_text(
             _as_yaml(findings, path, _image_noise(evidence)), encoding="utf-8"
         )
         if mask.value is not None:
-            white = static.astype(np.uint8) * np.uint8(255)
+            white = Orientation.of(settings.compass).as_taken(static).astype(np.uint8) * np.uint8(255)
             files.enter_context(staged_file(out.with_name(str(mask.value)))).write_bytes(_png(white))
     if picture is not None:
         with staged_file(picture) as staged:
-            staged.write_bytes(_png(_drawn(evidence.turned[0], static)))
+            staged.write_bytes(_png(_drawn(evidence.turned[0], static, settings.compass)))
     return "\n".join([*map(str, findings), f"settings in {out}"])
 
 
-def gather(recording: BagRecording, shown: YawTrack) -> Evidence:
+def gather(recording: FileRecording, shown: YawTrack) -> Evidence:
     """Look through all frames once and keep those that tell something; `shown` is the yaw by their stamps."""
     evidence, last, kept_yaw = Evidence(), None, math.inf
     for frame in recording.frames():
@@ -149,7 +178,7 @@ class _Motion:
     still: bool
 
 
-def _motion(recording: BagRecording, fused: YawTrack, start_ns: int, end_ns: int) -> _Motion | None:
+def _motion(recording: FileRecording, fused: YawTrack, start_ns: int, end_ns: int) -> _Motion | None:
     """By the tracks and the fused yaw; None where the tracks say nothing."""
     odometry = recording.odometry
     inside = slice(*np.searchsorted(odometry.t_ns, (start_ns, end_ns)))
@@ -165,9 +194,20 @@ def _motion(recording: BagRecording, fused: YawTrack, start_ns: int, end_ns: int
 # ---------------------------------------------------------------- findings
 
 
+def _camera(lenses: dict[str, tuple[float | None, str]], config: CompassConfig) -> list[Finding]:
+    """What was found of the lenses, and how else the camera was said to be."""
+    given = {
+        spec.name: getattr(config, spec.name)
+        for spec in CompassConfig.specs()
+        if spec.name in CAMERA and spec.name not in lenses and getattr(config, spec.name) != spec.default
+    }
+    told = [Finding(f"compass.{name}", value, "as given") for name, value in given.items()]
+    return told + [Finding(f"compass.{name}", value, evidence) for name, (value, evidence) in lenses.items()]
+
+
 def _region(evidence: Evidence, static: Mask, shown: YawTrack, config: CompassConfig) -> list[Finding]:
     """Above the body, and of several upper and lower edges those that measure known turns best."""
-    body = body_top(static)
+    body = body_top(static) if config.projection in PANORAMAS else None
     limit = 1.0 if body is None else body - 0.02
     where = "no body in view" if body is None else f"the body begins at {body:.2f}"
     now = replace(config, roi_bottom=max(min(config.roi_bottom, limit), config.roi_top + 0.05))
@@ -191,14 +231,24 @@ def _region(evidence: Evidence, static: Mask, shown: YawTrack, config: CompassCo
     return [Finding("compass.roi_top", best[0], told), Finding("compass.roi_bottom", round(best[1], 3), told)]
 
 
-def _mask(static: Mask, region: Sequence[Finding], out: Path) -> Finding:
+def _mask(static: Mask, region: Sequence[Finding], out: Path, frame: Frame, config: CompassConfig) -> Finding:
     """A picture of the robot beside the settings, named after them, where the region of interest shows any of it."""
-    top, bottom = (round(float(edge.value or 0.0) * len(static)) for edge in region)
-    share = float(static[top:bottom].mean())
+    top, bottom = (float(edge.value or 0.0) for edge in region)
+    if config.projection in PANORAMAS:
+        share = float(static[round(top * len(static)) : round(bottom * len(static))].mean())
+    else:
+        config = replace(config, roi_top=top, roi_bottom=bottom)
+        strips = [prepare_strip(0, frame.image, config, frame.encoding, one) for one in (None, RobotMask(static))]
+        first, masked = (1.0 if strip.seen is None else strip.seen.share for strip in strips)
+        share = 1.0 - masked / max(first, 1e-6)
     if share == 0.0:
         return Finding("compass.mask", None, "nothing in the region of interest stays while the robot turns")
     told = f"{100.0 * share:.1f} % of the region of interest stay while the robot turns, and are ignored"
-    return Finding("compass.mask", f"{out.stem}_mask.png", told)
+    return Finding("compass.mask", _mask_name(out), told)
+
+
+def _mask_name(out: Path) -> str:
+    return f"{out.stem}_mask.png"
 
 
 def _turn_error(frames: Sequence[Frame], shown: YawTrack, config: CompassConfig) -> float:
@@ -206,8 +256,11 @@ def _turn_error(frames: Sequence[Frame], shown: YawTrack, config: CompassConfig)
     errors = []
     for one, other in itertools.pairwise(frames):
         compass = VisualCompass(replace(config, max_yaw_rate=100.0))
-        compass.update(one.t_ns, one.image, one.encoding)
-        increment = compass.update(other.t_ns, other.image, other.encoding)
+        try:
+            compass.update(one.t_ns, one.image, one.encoding)
+            increment = compass.update(other.t_ns, other.image, other.encoding)
+        except ConfigError:  # the camera shows nothing of this region
+            return math.inf
         if increment is not None:
             yaw = yaw_at(shown, np.array([one.t_ns, other.t_ns]))
             errors.append(float(wrap_angle(increment.yaw - (yaw[1] - yaw[0]))))
@@ -249,7 +302,7 @@ def _image_noise(evidence: Evidence) -> float | None:
     return 1.4826 * float(np.median(spreads)) / math.sqrt(2.0)
 
 
-def _gyro_noise(recording: BagRecording) -> Finding:
+def _gyro_noise(recording: FileRecording) -> Finding:
     """Deviation of the gyro's rate while the tracks stand, its slow bias taken out."""
     name = "fusion.gyro_sigma"
     still = _still_times(recording)
@@ -263,7 +316,7 @@ def _gyro_noise(recording: BagRecording) -> Finding:
     return Finding(name, float(f"{sigma:.3g}"), f"from {steps.size} samples at standstill")
 
 
-def _still_times(recording: BagRecording) -> list[tuple[int, int]]:
+def _still_times(recording: FileRecording) -> list[tuple[int, int]]:
     """Spans between neighbouring track samples that both stand."""
     odometry = recording.odometry
     standing = (np.abs(odometry.speed) < STILL) & (np.abs(odometry.yaw_rate) < STILL)
@@ -278,7 +331,7 @@ def _still_times(recording: BagRecording) -> list[tuple[int, int]]:
     return spans
 
 
-def _track_scale(recording: BagRecording, fused: YawTrack) -> Finding:
+def _track_scale(recording: FileRecording, fused: YawTrack) -> Finding:
     """Turn the tracks claim over the fused turn, by seconds in which the robot turns."""
     name = "fusion.initial_scale"
     odometry = recording.odometry
@@ -314,9 +367,9 @@ def _camera_delay(run: FusedRun) -> Finding:
 # ---------------------------------------------------------------- output
 
 
-def _small(frame: Frame) -> Panorama:
-    """The frame in grey, brought to `MASK_COLUMNS`, freed of its brightness."""
-    grey = to_grey(frame.image, frame.encoding).astype(np.float32)
+def _small(frame: Frame, config: CompassConfig) -> Panorama:
+    """The upright frame in grey, brought to `MASK_COLUMNS`, freed of its brightness."""
+    grey = Orientation.of(config).upright(to_grey(frame.image, frame.encoding)).astype(np.float32)
     height = round(grey.shape[0] * MASK_COLUMNS / grey.shape[1])
     small = np.asarray(cv2.resize(grey, (MASK_COLUMNS, height), interpolation=cv2.INTER_AREA), np.float32)
     return small * np.float32(128.0 / max(float(small.mean()), 1.0))
@@ -326,9 +379,9 @@ def _png(picture: Panorama | npt.NDArray[np.uint8]) -> bytes:
     return cv2.imencode(".png", picture)[1].tobytes()
 
 
-def _drawn(frame: Frame, static: Mask) -> Panorama:
+def _drawn(frame: Frame, static: Mask, config: CompassConfig) -> Panorama:
     """A frame with what stays in orange."""
-    grey = np.clip(_small(frame), 0, 255).astype(np.uint8)
+    grey = np.clip(_small(frame, config), 0, 255).astype(np.uint8)
     picture = cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR)
     picture[static] = (0.5 * picture[static] + 0.5 * np.array([0, 94, 213])).astype(np.uint8)
     return np.asarray(picture)
@@ -336,7 +389,7 @@ def _drawn(frame: Frame, static: Mask) -> Panorama:
 
 def _as_yaml(findings: Sequence[Finding], path: Path, image_noise: float | None) -> str:
     """The findings as a parameter file, the evidence as comments."""
-    lines = [f"# Calibrated from {path.name}"]
+    lines = [f"{_HEADER}{path.name}"]
     if image_noise is not None:
         lines.append(f"# Noise of the camera: {image_noise:.1f} of 255 grey values.")
     lines += ["/**:", "  ros__parameters:"]

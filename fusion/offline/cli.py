@@ -9,11 +9,17 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
 from compass.errors import VisualCompassError
+from fusion.offline.commands import allan, report
+from fusion.offline.sensor_options import sensor_file_options
+from fusion.offline.verbosity import QuietGroup, say
+
+if TYPE_CHECKING:
+    from fusion.offline.image_files import SensorFiles
 
 # Our matrices and strips are small: more threads of BLAS and OpenCV than one only wait for each other, and a pool of
 # them does not survive a fork (`compass_process`). Before numpy and cv2 are imported, and inherited.
@@ -23,14 +29,13 @@ for variable in ("OPENBLAS_NUM_THREADS", "OPENCV_FOR_THREADS_NUM"):
 Command = TypeVar("Command", bound=Callable[..., None])
 
 _PATH = click.Path(path_type=Path)
+_FORCE = click.option("--force", is_flag=True, help="Write where something else is than an earlier result.")
 
 
-@click.group(context_settings={"help_option_names": ["-h", "--help"]})
+@click.group(cls=QuietGroup, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(package_name="visual-compass")
-@click.option("-v", "--verbose", is_flag=True, help="Say what is being done.")
-def cli(verbose: bool) -> None:
+def cli() -> None:
     """Yaw of a tracked robot from a 360-degree camera, a gyro and track odometry."""
-    logging.basicConfig(level=logging.INFO if verbose else logging.WARNING, format="%(message)s", stream=sys.stderr)
 
 
 def _topic_options(command: Command) -> Command:
@@ -46,33 +51,58 @@ def _topic_options(command: Command) -> Command:
     return command
 
 
-@cli.command(short_help="Fuse a bag: yaw as CSV, TUM, MCAP, a summary and a plot.")
-@click.argument("bag", type=_PATH)
-@click.option("--out", type=_PATH, metavar="DIR", help="Folder for the results  [default: ./<bag>_yaw]")
+@cli.command(short_help="Fuse bags: yaw as CSV, TUM, MCAP, a summary and a plot.")
+@click.argument("bags", nargs=-1, required=True, metavar="BAG...")
+@click.option("--out", type=_PATH, metavar="DIR", help="Folder for the results  [default: ./<bag>_yaw; of many: .]")
 @click.option("--config", type=_PATH, metavar="YAML", help="Parameters in ROS form; see config/visual_compass.yaml.")
 @click.option("--smooth", is_flag=True, help="Add the fixed-interval (RTS) smoother.")
+@click.option(
+    "--report", "with_report", is_flag=True, help="Add report.html: everything zoomable on one page, without network."
+)
+@click.option("--rerun", is_flag=True, help="Add run.rrd for the Rerun viewer.")
+@click.option("--start", type=float, metavar="S", help="Fuse from here on, s from the first sample.")
+@click.option("--end", type=float, metavar="S", help="Fuse up to here, s from the first sample.")
+@click.option("--jobs", type=click.IntRange(1), metavar="N", help="Processes for many bags  [default: one per core]")
+@click.option("--scheduler", metavar="ADDRESS", help="Fuse on the workers of a Dask scheduler, tcp://host:8786.")
+@_FORCE
+@sensor_file_options
 @_topic_options
 def fuse(
-    bag: Path,
+    bags: tuple[str, ...],
     out: Path | None,
     config: Path | None,
     smooth: bool,
+    with_report: bool,
+    rerun: bool,
+    start: float | None,
+    end: float | None,
+    jobs: int | None,
+    scheduler: str | None,
+    force: bool,
     image: str | None,
     gyro: str | None,
     odometry: str | None,
     truth: str | None,
+    sensors: SensorFiles,
 ) -> None:
-    """Fuse BAG (ROS 1, rosbag2 sqlite3 or MCAP) and write yaw.csv, *.tum, result.mcap, summary.json and yaw.png."""
-    from fusion.offline.fuse import fuse_bag
-    from fusion.offline.summary import remarks, warning_lines, yaw_table
+    """Fuse each BAG (ROS 1, rosbag2 sqlite3 or MCAP): yaw.csv, *.tum, result.mcap, summary.json and yaw.png.
+
+    BAG may also be a folder with bags below it, a pattern in quotes such as '2024-*/*.mcap', or a URL. Of many bags, or
+    with --jobs or --scheduler, each gets a folder of its own in --out, with one summary.csv for all; what is finished
+    is skipped, a bag that fails does not stop the others.
+
+    A BAG may also be a video, or a folder of images with a times.csv (file; t in s, or t_ns).
+    """
+    from fusion.offline.fuse_command import fuse_named
     from fusion.offline.topics import TopicRequest
     from fusion.settings import load_settings
 
-    fused = fuse_bag(bag, out, load_settings(config), TopicRequest(image, gyro, odometry, truth), smooth=smooth)
-    click.echo(yaw_table(fused.summary))
-    for line in (*warning_lines(fused.summary["warnings"]), *remarks(fused.summary)):
-        click.echo(line)
-    click.echo(f"results in {fused.folder}/, plot in {fused.folder / 'yaw.png'}")
+    given = {"offline.smooth": smooth or None, "offline.start": start, "offline.end": end}
+    settings = load_settings(config, {name: value for name, value in given.items() if value is not None})
+    request = TopicRequest(image, gyro, odometry, truth)
+    inputs = [config] if config else []
+    options: dict[str, Any] = {"jobs": jobs, "scheduler": scheduler, "force": force, "inputs": inputs}
+    fuse_named(bags, out, settings, request, sensors, report=with_report, rerun=rerun, **options)
 
 
 @cli.command(short_help="What is in a bag, and what is wrong with it.")
@@ -80,12 +110,15 @@ def fuse(
 @click.option("--roi-preview", type=_PATH, metavar="PNG", help="Draw the region of interest over a frame.")
 @click.option("--config", type=_PATH, metavar="YAML", help="Parameters in ROS form, for the region of interest.")
 @click.option("--image-topic", "image", metavar="T", help="Panoramas to preview.")
-def inspect(bag: Path, roi_preview: Path | None, config: Path | None, image: str | None) -> None:
+@_FORCE
+def inspect(bag: Path, roi_preview: Path | None, config: Path | None, image: str | None, force: bool) -> None:
     """Show topics, rates, gaps and faulty stamps of BAG, its image size, what 'fuse' would take, and what is wrong."""
+    from fusion.offline.atomic_output import refuse_existing
     from fusion.offline.inspect import inspect_bag
     from fusion.offline.topics import TopicRequest
     from fusion.settings import load_settings
 
+    refuse_existing(roi_preview, force=force)
     click.echo(inspect_bag(bag, load_settings(config), TopicRequest(image=image), roi_preview))
 
 
@@ -94,7 +127,8 @@ def inspect(bag: Path, roi_preview: Path | None, config: Path | None, image: str
 @click.option("--out", type=_PATH, metavar="BAG", help="Bag to write: name.mcap, or a name for a rosbag2 folder.")
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of noise, slip and world.")
 @click.option("--config", type=_PATH, metavar="YAML", help="Parameters in ROS form, for the topics' names.")
-def simulate(experiment: str | None, out: Path | None, seed: int, config: Path | None) -> None:
+@_FORCE
+def simulate(experiment: str | None, out: Path | None, seed: int, config: Path | None, force: bool) -> None:
     """Simulate EXPERIMENT and write it as a bag with ground truth; without EXPERIMENT, list them."""
     from fusion.offline.demo import experiment_list, simulate_bag
     from fusion.settings import load_settings
@@ -103,8 +137,8 @@ def simulate(experiment: str | None, out: Path | None, seed: int, config: Path |
         click.echo(experiment_list())
         return
     out = out or Path(f"{experiment}.mcap")
-    simulate_bag(experiment, seed, out, load_settings(config))
-    click.echo(f"{out}: {experiment}, seed {seed}")
+    simulate_bag(experiment, seed, out, load_settings(config), force=force)
+    say(f"{out}: {experiment}, seed {seed}")
 
 
 @cli.command(short_help="Score every compass, each sensor and the fused yaw.")
@@ -140,6 +174,7 @@ def simulate(experiment: str | None, out: Path | None, seed: int, config: Path |
 )
 @click.option("--workers", type=click.IntRange(1), default=None, help="Processes  [default: one per core]")
 @click.option("--config", type=_PATH, metavar="YAML", help="Parameters in ROS form.")
+@_FORCE
 @_topic_options
 def evaluate(
     what: tuple[str, ...],
@@ -154,6 +189,7 @@ def evaluate(
     yaws: tuple[Path, ...],
     workers: int | None,
     config: Path | None,
+    force: bool,
     image: str | None,
     gyro: str | None,
     odometry: str | None,
@@ -183,6 +219,7 @@ def evaluate(
         json_file=json_file,
         markdown_file=markdown_file,
         headline_file=headline_file,
+        force=force,
     )
     click.echo(text)
 
@@ -199,44 +236,67 @@ def evaluate(
 )
 @click.option("--mask-preview", type=_PATH, metavar="PNG", help="Draw what belongs to the robot over a frame.")
 @click.option("--config", type=_PATH, metavar="YAML", help="Parameters in ROS form to start from.")
+@_FORCE
+@sensor_file_options
 @_topic_options
 def calibrate(
     bag: Path,
     out: Path,
     mask_preview: Path | None,
     config: Path | None,
+    force: bool,
     image: str | None,
     gyro: str | None,
     odometry: str | None,
     truth: str | None,
+    sensors: SensorFiles,
 ) -> None:
     """Propose region, mask, forward column and noises from BAG, in which the robot turns, drives and stands."""
     from fusion.offline.calibrate import calibrate_bag
     from fusion.offline.topics import TopicRequest
     from fusion.settings import load_settings
 
-    click.echo(calibrate_bag(bag, load_settings(config), TopicRequest(image, gyro, odometry, truth), out, mask_preview))
+    request = TopicRequest(image, gyro, odometry, truth)
+    say(calibrate_bag(bag, load_settings(config), request, out, mask_preview, force=force, sensors=sensors))
 
 
 @cli.command(short_help="Simulate a short drive, fuse it, compare with the truth.")
 @click.option(
     "--out", type=_PATH, metavar="DIR", default=Path("demo"), show_default=True, help="Folder for bag and results."
 )
-def demo(out: Path) -> None:
+@_FORCE
+def demo(out: Path, force: bool) -> None:
     """Simulate a short drive, write it as a bag, fuse that bag and compare with the truth."""
     from fusion.offline.demo import run_demo
     from fusion.offline.summary import warning_lines, yaw_table
     from fusion.settings import Settings
 
-    fused = run_demo(out, Settings())
-    click.echo(yaw_table(fused.summary))
+    fused = run_demo(out, Settings(), force=force)
+    say(yaw_table(fused.summary))
     for line in warning_lines(fused.summary["warnings"]):
-        click.echo(line)
-    click.echo(f"bag {out / 'demo.mcap'}, results in {fused.folder}/, plot {fused.folder / 'yaw.png'}")
+        say(line)
+    say(f"bag {out / 'demo.mcap'}, results in {fused.folder}/, plot {fused.folder / 'yaw.png'}")
+
+
+@cli.command(short_help="Print the JSON Schema of parameter files or of summary.json.")
+@click.argument("what", type=click.Choice(["settings", "summary"]))
+def schema(what: str) -> None:
+    """Print the JSON Schema (2020-12) of parameter files (settings) or of summary.json (summary)."""
+    import json
+
+    from fusion.offline.schemas import settings_schema, summary_schema
+
+    click.echo(json.dumps(settings_schema() if what == "settings" else summary_schema(), indent=2))
+
+
+for _command in (report, allan):
+    cli.add_command(_command)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point of ``visual-compass``: the only place that prints errors and chooses the exit code."""
+    level = logging.getLogger().level
+    logging.basicConfig(level=logging.WARNING, format="%(message)s", stream=sys.stderr)
     try:
         with _interruptible():
             cli.main(arguments, prog_name="visual-compass", standalone_mode=False)
@@ -247,8 +307,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         error.show()
         return error.exit_code
     except _Interrupted as interrupted:
-        click.echo("visual-compass: interrupted, nothing was written", err=True)
+        click.echo(f"visual-compass: interrupted, {interrupted.left}", err=True)
         return 128 + interrupted.number
+    finally:
+        logging.getLogger().setLevel(level)  # of who calls it from Python
     return 0
 
 
@@ -257,6 +319,7 @@ class _Interrupted(BaseException):
 
     def __init__(self, number: int) -> None:
         self.number = number
+        self.left = "nothing was written"
 
 
 @contextmanager

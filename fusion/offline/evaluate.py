@@ -328,7 +328,7 @@ def evaluate_bag(
     with Bag(path) as bag:
         choice = choose_topics(bag, settings.topics, request)
         with progress_bar("reading samples") as progress:
-            recording = read_recording(bag, choice, settings.imu, settings.compass.columns, progress)
+            recording = read_recording(bag, choice, settings.imu, settings.compass.decoded_columns, progress)
         course = read_course(bag, recording.odometry)
         if recording.truth is None and course is None:
             raise BagError(f"{path}: no ground truth and no GPS; name the truth's topic with --truth-topic")

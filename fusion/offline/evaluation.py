@@ -11,7 +11,7 @@ from pathlib import Path
 from compass.errors import VisualCompassError
 from compass.methods.registry import find_method
 from fusion.offline.accuracy import HEADLINES, SECTION, accuracy_section, headline_section
-from fusion.offline.atomic_output import staged_file
+from fusion.offline.atomic_output import refuse_existing, staged_file
 from fusion.offline.bag import BagError
 from fusion.offline.console import table
 from fusion.offline.evaluate import Outcome, evaluate_bag, evaluate_experiments
@@ -52,6 +52,7 @@ def run_evaluation(
     yaws: Sequence[Path] = (),
     markdown_file: Path | None = None,
     headline_file: Path | None = None,
+    force: bool = False,
 ) -> str:
     """Evaluate experiments and bags; give the table and the verdicts.
 
@@ -67,12 +68,16 @@ def run_evaluation(
         Whose accuracy section to write.
     headline_file : Path or None
         Whose section of six lines on the simulated drives to write.
+    force : bool
+        Whether `json_file` may replace a file that is no earlier evaluation.
 
     Raises
     ------
     VisualCompassError
         An experiment or a world is unknown, or a bag or a file cannot be used.
     """
+    if json_file is not None and json_file.exists() and not force:
+        _read_earlier(json_file)
     files = [Path(name) for name in what if name not in EXPERIMENTS and Path(name).exists()]
     saved = [_read_saved(path) for path in files if path.suffix == ".json"]
     bags = [path for path in files if path.suffix != ".json"]
@@ -126,6 +131,14 @@ def _read_saved(path: Path) -> SavedEvaluation:
         return from_json(json.loads(path.read_text(encoding="utf-8")))
     except (OSError, ValueError) as error:  # also what is no JSON, and no UTF-8
         raise VisualCompassError(f"{path}: {error}; give a file that evaluate --json wrote") from error
+
+
+def _read_earlier(path: Path) -> None:
+    """Refuse a file that no evaluation wrote."""
+    try:
+        _read_saved(path)
+    except VisualCompassError:
+        refuse_existing(path)
 
 
 def _tables(outcomes: Sequence[Outcome], default: str, metric: str, what: str) -> list[str]:

@@ -50,7 +50,7 @@ def first_look(bag: Bag, settings: Settings, request: TopicRequest | None = None
     except BagError:
         return []  # told already
     try:
-        recording = read_recording(bag, choice, settings.imu, settings.compass.columns)
+        recording = read_recording(bag, choice, settings.imu, settings.compass.decoded_columns)
         with progress_bar("looking at the first minute") as progress:
             run = fuse_recording(_beginning(recording), settings, progress)
     except BagError as error:

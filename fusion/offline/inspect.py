@@ -13,17 +13,21 @@ import numpy as np
 
 from compass import CompassConfig, ImageError
 from compass.images.decode import Image, to_grey
-from fusion.messages import image_of
+from compass.images.orientation import Orientation
+from compass.images.projection import projection_of
+from compass.images.unwrap import unwrapping
+from fusion.messages import MessageError
 from fusion.offline.atomic_output import staged_file
-from fusion.offline.bag import COMPRESSED_IMAGE, IMAGE, IMU, ODOMETRY, Bag, BagError, Topic
+from fusion.offline.bag import IMAGES, IMU, ODOMETRY, Bag, BagError, Topic
 from fusion.offline.clock_steps import YEAR_2200_NS
 from fusion.offline.console import progress_bar, table
 from fusion.offline.first_look import first_look
 from fusion.offline.streams import Floats, Times
 from fusion.offline.topics import TopicRequest, choose_topics, is_depth
+from fusion.pictures import PictureStream
 from fusion.settings import Settings
 
-_FUSED = (IMU, ODOMETRY, IMAGE, COMPRESSED_IMAGE)
+_FUSED = (IMU, ODOMETRY, *IMAGES)
 MOST = (0.02, 0.98, 0.5)  # from where to where nearly all stamps lie, and their median, as parts of all
 DAY_NS = 86_400_000_000_000  # longer than a drive
 YEAR_2000_NS = 946_684_800_000_000_000  # before it no bag was recorded
@@ -98,14 +102,14 @@ def inspect_bag(
     with Bag(path, tell=False) as bag:
         timings = _timings(bag)
         lines = [table(_HEADER, [_line(topic, timings.get(topic.name)) for topic in bag.topics], 2)]
-        lines += ["", *_images(bag), *_roles(bag, settings, request)]
+        lines += ["", *_images(bag, settings.compass), *_roles(bag, settings, request)]
         found = [*problems(bag.topics, timings), *first_look(bag, settings, request)]
         lines += [f"problem: {' '.join(problem.split())}" for problem in (*bag.faults, *found)]
         if roi_preview is not None:
             topic = choose_topics(bag, settings.topics, request).image
             if topic is None:
                 raise BagError(f"{path}: no panoramas in it; --roi-preview needs a topic of images")
-            picture = draw_region(_first_image(bag, topic)[0], settings.compass)
+            picture = draw_region(as_panorama(*_first_image(bag, topic), settings.compass), settings.compass)
             with staged_file(roi_preview) as staged:
                 staged.write_bytes(cv2.imencode(".png", picture)[1].tobytes())
             lines.append(f"region of interest drawn in {roi_preview}")
@@ -195,29 +199,31 @@ def _span(timings: Sequence[Timing]) -> str:
     return f"from {begin:%Y-%m-%d %H:%M:%S} to {end:%Y-%m-%d %H:%M:%S}"
 
 
-def _images(bag: Bag) -> list[str]:
+def _images(bag: Bag, config: CompassConfig) -> list[str]:
     """Size of the first image of each topic of images, with what a panorama should be."""
     lines = []
     for topic in bag.topics:
-        if topic.msgtype in (IMAGE, COMPRESSED_IMAGE) and topic.count:
+        if topic.msgtype in IMAGES and topic.count:
             try:
                 image, encoding = _first_image(bag, topic)
             except BagError as error:
                 lines.append(str(error))
                 continue
             height, width = image.shape[:2]
-            remark = "" if width >= 2 * height - 2 else "; not as wide as a full circle usually is, 2:1 or more"
+            usual = not Orientation.of(config).is_upright or not config.is_full_panorama or width >= 2 * height - 2
+            remark = "" if usual else "; not as wide as a full circle usually is, 2:1 or more"
             lines.append(f"{topic.name}: {width} x {height} {encoding or 'compressed'}{remark}")
     return lines
 
 
 def _first_image(bag: Bag, topic: Topic) -> tuple[Image, str]:
     """Pixels and encoding of the first image that can be used."""
-    fault = ""
+    fault, stream = "", PictureStream(0)
     for message in bag.messages(topic.name):
         try:
-            return image_of(bag.deserialize(message), 0)
-        except ImageError as error:
+            for picture in stream.add(bag.deserialize(message)):
+                return picture.image, picture.encoding
+        except (ImageError, MessageError) as error:
             fault = fault or str(error)
     raise BagError(f"{bag.path}: {topic.name}: no usable image: {fault}")
 
@@ -230,6 +236,21 @@ def _roles(bag: Bag, settings: Settings, request: TopicRequest | None) -> list[s
         return [f"fuse would stop: {error}"]
     roles = (("panoramas", choice.image), ("gyro", choice.gyro), ("tracks", choice.odometry), ("truth", choice.truth))
     return ["fuse would take " + ", ".join(f"{role}: {topic.name if topic else 'none'}" for role, topic in roles)]
+
+
+def as_panorama(image: Image, encoding: str, config: CompassConfig) -> Image:
+    """Upright and grey, and of other projections a panorama of the whole sphere, (H, W) uint8 or uint16."""
+    grey = np.ascontiguousarray(Orientation.of(config).upright(to_grey(image, encoding)))
+    if config.projection in ("equirectangular", "cylinder"):
+        return grey
+    columns, size = 1024, (grey.shape[0], grey.shape[1])
+    how = unwrapping(projection_of(config, *size), size, (0.0, 1.0), columns, columns // 2)
+    pixels = how.strip(grey[how.cut]) * (1.0 if how.shown is None else how.shown)
+    panorama = np.zeros((how.columns // 2, how.columns), grey.dtype)
+    top = round((0.5 - how.top / np.pi) * len(panorama))
+    rows = min(how.rows, len(panorama) - top)
+    panorama[top : top + rows] = pixels[:rows].astype(grey.dtype)
+    return panorama
 
 
 def draw_region(image: Image, config: CompassConfig) -> Image:

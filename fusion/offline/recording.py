@@ -7,7 +7,8 @@ import logging
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import islice
+from itertools import chain, islice
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,14 +17,15 @@ from compass.errors import ImageError
 from fusion.buffer.events import Sensor
 from fusion.checks.warnings import Warning, WarningLog, most_serious_first
 from fusion.imu.levelling import ImuConfig, ImuLevel
-from fusion.messages import NO_GYRO, image_of
-from fusion.offline.bag import Bag, BagError, Message, Topic
+from fusion.messages import NO_GYRO, MessageError, image_of
+from fusion.offline.bag import VIDEOS, Bag, BagError, Message, Topic
 from fusion.offline.clock_steps import ClockSteps, Recorded
 from fusion.offline.columns import Columns, levelled, sorted_rows
 from fusion.offline.decode import decode_ahead
 from fusion.offline.stamp_check import Span, clock_warning, of_one_time, usable, wrong_stamps
 from fusion.offline.streams import Frame, GyroTrack, OdometryTrack, Progress, TruthTrack, unwrap
 from fusion.offline.topics import TopicChoice
+from fusion.pictures import PictureStream, packet_of
 
 log = logging.getLogger(__name__)
 
@@ -73,6 +75,8 @@ class BagRecording:
         When the samples of gyro and tracks were recorded.
     within : Span or None
         Time of the recording by most sensors' stamps.
+    window : Span or None
+        Part of that time from which frames are given; None: all.
     """
 
     bag: Bag
@@ -88,6 +92,7 @@ class BagRecording:
     witnesses: Sequence[Recorded] = ()
     within: Span | None = None
     bottom: float = 1.0
+    window: Span | None = None
 
     @property
     def warnings(self) -> list[Warning]:
@@ -112,6 +117,18 @@ class BagRecording:
         self.dropped, self.found, self.bag.faults = findings
 
     @property
+    def path(self) -> Path:
+        """The bag."""
+        return self.bag.path
+
+    @property
+    def topics(self) -> dict[str, str | None]:
+        """The topic of each sensor."""
+        choice = self.choice
+        named = (("image", choice.image), ("gyro", choice.gyro), ("odometry", choice.odometry), ("truth", choice.truth))
+        return {role: topic.name if topic else None for role, topic in named}
+
+    @property
     def frame_count(self) -> int:
         """Images in the bag, usable or not."""
         return self.choice.image.count if self.choice.image else 0
@@ -122,10 +139,11 @@ class BagRecording:
         if topic is None:
             return
         usable, unusable = 0, 0
-        for frame, fault in decode_ahead(self._stamped_images(topic), self._decode):
+        for frame, fault in self._decoded(topic):
             if frame is not None:
                 usable += 1
-                yield frame
+                if self.window is None or self.window.first_ns <= frame.t_ns <= self.window.last_ns:
+                    yield frame
                 continue
             unusable += 1
             self.dropped[f"image: {fault}"] += 1
@@ -134,6 +152,31 @@ class BagRecording:
         if unusable and not usable:
             raise BagError(f"{self.bag.path}: {topic.name}: no usable image among the first {unusable}: {fault}")
 
+    def _decoded(self, topic: Topic) -> Iterator[tuple[Frame | None, str]]:
+        """Frames, and why there is none; a video's packets are decoded one after another, as they were recorded."""
+        first = next(iter(self.bag.messages(topic.name)), None)
+        if first is None or not _is_video(self.bag, first):
+            yield from decode_ahead(self._stamped_images(topic), self._decode)
+            return
+        stream = PictureStream(self.columns)
+
+        def add(message: Message | None) -> list[tuple[Frame | None, str]]:
+            try:
+                pictures = stream.rest() if message is None else stream.add(self.bag.deserialize(message))
+            except (ImageError, MessageError) as error:
+                return [(None, str(error))]
+            return [(Frame(one.t_ns, one.image, one.encoding), "") for one in pictures]
+
+        for found in decode_ahead(chain(self._of_one_clock(topic), [None]), add, threads=1):
+            yield from found
+
+    @property
+    def image_span(self) -> Span | None:
+        """From the first panorama of the recording's time on, for as long as was recorded."""
+        near = self.within.near if self.within else lambda t_ns: np.array(True)
+        first = next((t_ns for t_ns in self.image_stamps() if near(np.array(t_ns))), None)
+        return None if first is None else Span(first, first + self.bag.end_ns - self.bag.start_ns)
+
     def image_stamps(self) -> Iterator[int]:
         """Stamps of the panoramas that have any, ns, as recorded."""
         if self.choice.image:
@@ -141,7 +184,10 @@ class BagRecording:
 
     def _stamped_images(self, topic: Topic) -> Iterator[tuple[int, Any]]:
         """Stamps and messages, ordered by stamp within a bounded window."""
+        window = self.window
         for message in in_order(self._of_one_clock(topic), FRAMES_OUT_OF_ORDER):
+            if window and message.stamp_ns > 0 and not window.first_ns <= message.stamp_ns <= window.last_ns:
+                continue
             yield message.stamp_ns, self.bag.deserialize(message)
 
     def _of_one_clock(self, topic: Topic) -> Iterator[Message]:
@@ -281,6 +327,14 @@ def _image_span(bag: Bag, topic: Topic, others: Sequence[Span]) -> Span | None:
         found = (one for one in more if any(Span(one[0], one[0]).meets(other) for other in others))
         return next((until_the_end(*one) for one in found), span)
     return span
+
+
+def _is_video(bag: Bag, message: Message) -> bool:
+    """Whether a topic's messages are packets of a video, by one of them."""
+    try:
+        return packet_of(bag.deserialize(message)) is not None
+    except (ImageError, MessageError):
+        return message.msgtype in VIDEOS
 
 
 def in_order(messages: Iterable[Message], window: int) -> Iterator[Message]:

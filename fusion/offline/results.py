@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -14,24 +14,25 @@ import numpy as np
 from fusion import YawEstimate
 from fusion.buffer.events import Sensor
 from fusion.offline.bag_writer import BagWriter
+from fusion.offline.earlier_results import SUMMARY
 from fusion.offline.run import FusedRun, Row
 from fusion.offline.scores import yaw_at
 from fusion.offline.streams import Floats, Times, TruthTrack
-from fusion.settings import Settings, dump_settings
+from fusion.settings import Settings, dump_settings, in_bag
 
-OPTIONAL = ("smoothed.tum",)  # not in the results of every run
 DIAGNOSTICS_EVERY_NS = 1_000_000_000
 
 
 def write_results(folder: Path, run: FusedRun, settings: Settings, summary: dict[str, Any]) -> None:
-    """Write all result files but the plot into `folder`."""
+    """Write all result files but the plot into `folder`; no TUM file without a single yaw."""
     write_csv(folder / "yaw.csv", run)
     write_tum(folder / "compass.tum", ((row.t_ns, row.compass.yaw) for row in run.rows if row.compass))
     write_tum(folder / "fused.tum", ((row.t_ns, row.fused.yaw) for row in run.rows if row.fused))
-    if any(row.smoothed for row in run.rows):
-        write_tum(folder / "smoothed.tum", ((row.t_ns, row.smoothed.yaw) for row in run.rows if row.smoothed))
+    write_tum(folder / "smoothed.tum", ((row.t_ns, row.smoothed.yaw) for row in run.rows if row.smoothed))
+    if run.truth is not None:
+        write_tum(folder / "truth.tum", zip(run.t_ns.tolist(), _true_yaws(run.truth, run.t_ns).tolist(), strict=True))
     write_mcap(folder / "result.mcap", run, settings)
-    (folder / "summary.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
+    (folder / SUMMARY).write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
     (folder / "config.yaml").write_text(dump_settings(settings), encoding="utf-8")
 
 
@@ -47,6 +48,15 @@ COLUMNS = (
 
 def write_csv(path: Path, run: FusedRun) -> None:
     """One line per row, `t` in s, angles in rad; the truth and what smoothing gave in last columns where known."""
+    columns, rows = table_of(run)
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, columns, restval="", lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(rows)
+
+
+def table_of(run: FusedRun) -> tuple[list[str], Iterator[dict[str, str]]]:
+    """The columns of yaw.csv, and its rows as text; what is unknown is left out."""
     more: dict[str, Floats] = {}
     if any(row.smoothed for row in run.rows):
         estimates = [
@@ -56,11 +66,11 @@ def write_csv(path: Path, run: FusedRun) -> None:
         more["smoothed_yaw"], more["smoothed_sigma"] = np.array(estimates).T
     if run.truth is not None:
         more["truth_yaw"] = _true_yaws(run.truth, run.t_ns)
-    with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, [*COLUMNS, *more], restval="", lineterminator="\n")
-        writer.writeheader()
-        for index, row in enumerate(run.rows):
-            writer.writerow(row_cells(row) | {name: _cell(values[index]) for name, values in more.items()})
+    rows = (
+        row_cells(row) | {name: _cell(values[index]) for name, values in more.items()}
+        for index, row in enumerate(run.rows)
+    )
+    return [*COLUMNS, *more], rows
 
 
 def row_cells(row: Row) -> dict[str, str]:
@@ -111,11 +121,14 @@ def seconds(t_ns: int) -> str:
 
 
 def write_tum(path: Path, yaws: Iterable[tuple[int, float]]) -> None:
-    """Write ``t x y z qx qy qz qw`` per line, as evo reads it; position 0."""
-    with path.open("w", encoding="utf-8") as file:
-        for t_ns, yaw in yaws:
-            if math.isfinite(yaw):
-                file.write(f"{seconds(t_ns)} 0 0 0 0 0 {math.sin(0.5 * yaw):.12g} {math.cos(0.5 * yaw):.12g}\n")
+    """Write ``t x y z qx qy qz qw`` per line, as evo reads it, position 0; no file where no yaw is known."""
+    lines = [
+        f"{seconds(t_ns)} 0 0 0 0 0 {math.sin(0.5 * yaw):.12g} {math.cos(0.5 * yaw):.12g}\n"
+        for t_ns, yaw in yaws
+        if math.isfinite(yaw)
+    ]
+    if lines:
+        path.write_text("".join(lines), encoding="utf-8")
 
 
 def write_mcap(path: Path, run: FusedRun, settings: Settings) -> None:
@@ -128,7 +141,7 @@ def write_mcap(path: Path, run: FusedRun, settings: Settings) -> None:
             compass, fused = row.compass, row.fused
             if compass and compass.increment:
                 bag.write_odometry(
-                    topics.compass_output_topic,
+                    in_bag(topics.compass_output_topic),
                     row.t_ns,
                     compass.yaw,
                     compass.rate,
@@ -138,7 +151,7 @@ def write_mcap(path: Path, run: FusedRun, settings: Settings) -> None:
                 )
             if fused:
                 bag.write_odometry(
-                    topics.fused_output_topic,
+                    in_bag(topics.fused_output_topic),
                     row.t_ns,
                     fused.yaw,
                     fused.yaw_rate,

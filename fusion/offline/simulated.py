@@ -15,7 +15,7 @@ from fusion.imu.levelling import ImuConfig, ImuLevel
 from fusion.offline.bag_writer import BagWriter
 from fusion.offline.streams import Frame, GyroTrack, OdometryTrack, Progress, TruthTrack
 from fusion.offline.topics import TRUTH_TOPIC
-from fusion.settings import Settings
+from fusion.settings import Settings, absent, in_bag
 from fusion.simulation import Drive
 
 
@@ -49,23 +49,27 @@ class SimulatedRecording:
 
 
 def record_drive(drive: Drive, path: Path, settings: Settings, progress: Progress = lambda part: None) -> None:
-    """Write a drive as a bag, panoramas as JPEG, the truth as Odometry on ``/ground_truth/odom``."""
+    """Write a drive as a bag, panoramas as JPEG, the truth as Odometry on ``/ground_truth/odom``; no absent sensor."""
     topics = settings.topics
     frames = (topics.odom_frame, topics.base_frame)
     truth = drive.truth
+    kinds = {"image": topics.compass_image, "imu": topics.gyro_topic, "odometry": topics.odometry_topic}
+    missing = [kind for kind, topic in kinds.items() if absent(topic)]
     total = len(drive) + len(drive.imu) + len(drive.odometry) + truth.t_ns.size
     with BagWriter(path) as bag:
         for count, (t_ns, kind, what) in enumerate(_messages(drive)):
+            if kind in missing:
+                continue
             if kind == "image":
-                bag.write_jpeg(f"{topics.compass_image}/compressed", t_ns, what)
+                bag.write_jpeg(f"{in_bag(topics.compass_image)}/compressed", t_ns, what)
             elif kind == "imu":
                 bag.write_imu(
-                    topics.gyro_topic, t_ns, what.angular_velocity, what.linear_acceleration, what.orientation
+                    in_bag(topics.gyro_topic), t_ns, what.angular_velocity, what.linear_acceleration, what.orientation
                 )
             elif kind == "odometry":
                 place = (what.x, what.y, 0.0)
                 bag.write_odometry(
-                    topics.odometry_topic,
+                    in_bag(topics.odometry_topic),
                     t_ns,
                     what.yaw,
                     what.yaw_rate,

@@ -1,31 +1,49 @@
-"""A run in a few numbers: for summary.json and for the table on the screen."""
+"""A run in a few numbers: for summary.json and for the table on the screen.
+
+Keys are snake_case and end in their unit; `fusion.offline.schemas` describes them, and `VERSION` counts their changes.
+"""
 
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Sequence
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 
 from compass import CompassStatus
+from compass.version import __version__
 from fusion.buffer.events import Sensor
 from fusion.imu.tilt import tilt_angle
 from fusion.offline.console import table
-from fusion.offline.recording import BagRecording
+from fusion.offline.open_recording import FileRecording
 from fusion.offline.run import FusedRun
 from fusion.offline.scores import scores, yaw_tracks
+from fusion.offline.source import Source
 from fusion.offline.streams import GyroTrack
 from fusion.offline.warning_history import Warned
 
+VERSION = 1  # of the keys; grows when one changes its meaning or goes
 KNOWN_DELAY = 0.005  # s, standard deviation of a camera delay that was learnt
 MOST_LINES = 5  # warnings on the screen; more than a handful is not read
 SMALL_DELAY = 0.005  # s, as much as stamps stray anyway
 SMALL_TILT = 8.0  # deg; such a tilt changes a heading by 0.3 deg
 
 
-def summarise(run: FusedRun, recording: BagRecording) -> dict[str, Any]:
-    """The facts of a run, ready for JSON: angles in deg where the key says so, else rad."""
+def provenance(source: Source, settings_hash: str) -> dict[str, Any]:
+    """How a summary begins: which recording it is of, and how that was fused (`earlier_results.settings_hash`)."""
+    return {
+        "version": VERSION,
+        "package_version": __version__,
+        "source": asdict(source),
+        "settings_hash": settings_hash,
+    }
+
+
+def summarise(run: FusedRun, recording: FileRecording) -> dict[str, Any]:
+    """The facts of a run, ready for JSON."""
     tracks, scored = yaw_tracks(run), scores(run)
     t_ns = run.t_ns
     yaws: dict[str, dict[str, float | None]] = {}
@@ -40,15 +58,11 @@ def summarise(run: FusedRun, recording: BagRecording) -> dict[str, Any]:
                 "rms_error_deg": _deg(score.rms),
                 "worst_error_deg": _deg(score.worst),
             }
-        yaws[name] = one
+        yaws[key_of(name)] = one
     last = next((row.fused for row in reversed(run.rows) if row.fused), None)
     return {
         "warnings": warning_facts(run),
-        "bag": str(recording.bag.path),
-        "topics": {
-            role: topic.name if (topic := getattr(recording.choice, role)) else None
-            for role in ("image", "gyro", "odometry", "truth")
-        },
+        "topics": recording.topics,
         "start_ns": int(t_ns[0]) if t_ns.size else None,
         "duration_s": float((t_ns[-1] - t_ns[0]) * 1e-9) if t_ns.size else 0.0,
         "gyro_vertical": recording.vertical,
@@ -62,11 +76,21 @@ def summarise(run: FusedRun, recording: BagRecording) -> dict[str, Any]:
         "track_scale_sigma": last and math.sqrt(last.track_scale_variance),
         "camera_delay_s": last and last.camera_delay,
         "camera_delay_sigma_s": last and math.sqrt(last.camera_delay_variance),
-        "images": {status.name: count for status, count in sorted(run.compass_counts.items(), key=lambda i: i[0].name)},
-        "samples": dict(sorted(run.fusion_counts.items())),
+        "images": {status.name.lower(): run.compass_counts[status] for status in CompassStatus},
+        "samples": _counted("outcome", run.fusion_counts),
         "gates": {sensor.value: _gate_facts(run, sensor) for sensor in Sensor},
-        "unusable_messages": dict(sorted(recording.dropped.items())),
+        "unusable_messages": _counted("reason", recording.dropped),
     }
+
+
+def key_of(name: str) -> str:
+    """The key of a source of yaw, such as ``raw_compass``."""
+    return name.replace(" ", "_")
+
+
+def _counted(what: str, counts: Counter[str]) -> list[dict[str, Any]]:
+    """Counts of texts, which change more easily than keys may."""
+    return [{what: text, "count": count} for text, count in sorted(counts.items())]
 
 
 def warning_facts(run: FusedRun) -> list[dict[str, Any]]:
@@ -112,7 +136,9 @@ def yaw_table(summary: dict[str, Any]) -> str:
     keys = ["turned_deg"] + (["final_error_deg", "rms_error_deg", "worst_error_deg"] if has_truth else ["sigma_deg"])
     rows = [["truth", f"{summary['truth_turned_deg']:.2f}", "", "", ""]] if has_truth else []
     for name, values in summary["yaw"].items():
-        rows.append([name, *("" if values.get(key) is None else f"{values[key]:.2f}" for key in keys)])
+        rows.append(
+            [name.replace("_", " "), *("" if values.get(key) is None else f"{values[key]:.2f}" for key in keys)]
+        )
     return table(header, rows)
 
 
@@ -129,7 +155,7 @@ def _tilt_remark(summary: dict[str, Any]) -> str | None:
 
 
 def _gap_remark(summary: dict[str, Any]) -> str | None:
-    gaps = summary["images"].get(CompassStatus.FOUND_AGAIN.name)
+    gaps = summary["images"].get(CompassStatus.FOUND_AGAIN.name.lower())
     if not gaps:
         return None
     return f"after {gaps} gap{'s' * (gaps > 1)} in what the camera showed the compass found its last view again"

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-from fusion.offline.bag import COMPRESSED_IMAGE, IMAGE, IMU, ODOMETRY, Bag, BagError, Topic
-from fusion.settings import TopicSettings
+from fusion.offline.bag import COMPRESSED_IMAGE, IMAGE, IMU, ODOMETRY, VIDEOS, Bag, BagError, Topic
+from fusion.settings import NONE, TopicSettings, absent, in_bag
 
-NONE = "none"
 DEPTH = "/compressedDepth"  # the suffix that image_transport's depth plugin adds
-TRUTH_TOPIC = "/ground_truth/odom"  # where simulated bags keep it
+PREFERRED = {"compressed": "CompressedImage", "ffmpeg": "FFMPEGPacket", "foxglove": "CompressedVideo"}
+TRUTH_TOPIC = TopicSettings().truth_topic  # where simulated bags keep it
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,24 +39,48 @@ class TopicChoice:
 def choose_topics(bag: Bag, settings: TopicSettings, request: TopicRequest | None = None) -> TopicChoice:
     """Pick each topic: the one asked for, else the one the settings name, else the only one of its type.
 
+    A sensor that the settings call absent is left out unless it is asked for.
+
     Raises
     ------
     BagError
         A requested topic is absent or of another type, several come into question, or no sensor is there at all.
     """
     request = request or TopicRequest()
-    ours = (settings.compass_output_topic, settings.fused_output_topic)
-    truth = _choose(bag, [ODOMETRY], request.truth, TRUTH_TOPIC, "--truth-topic", by_type=False)
-    taken = (*ours, truth.name) if truth else ours
+    if request.truth == request.odometry and not absent(request.truth or NONE):
+        raise BagError(
+            f"{bag.path}: {request.truth} is asked for as odometry and as truth; what is fused judges nothing"
+        )
+    outputs = (settings.compass_output_topic, settings.fused_output_topic)
+    named = in_bag(settings.odometry_topic)  # on purpose, perhaps
+    ours = tuple(name for name in outputs if in_bag(name) != named)
+    truth = _choose(bag, [ODOMETRY], request.truth, settings.truth_topic, "--truth-topic", by_type=False)
+    taken = (*ours, in_bag(truth.name)) if truth else ours
     odometry = _choose(bag, [ODOMETRY], request.odometry, settings.odometry_topic, "--odometry-topic", taken=taken)
     gyro = _choose(bag, [IMU], request.gyro, settings.gyro_topic, "--gyro-topic")
-    kinds = [IMAGE, COMPRESSED_IMAGE] if settings.image_transport == "raw" else [COMPRESSED_IMAGE, IMAGE]
+    kinds = [IMAGE, COMPRESSED_IMAGE, *VIDEOS]
+    if settings.image_transport != "raw":
+        kinds.sort(key=lambda kind: (kind == IMAGE, PREFERRED[settings.image_transport] not in kind))
     image = _choose(bag, kinds, request.image, settings.compass_image, "--image-topic")
     if not (image or gyro or odometry):
         wanted = ", ".join(kind.replace("/msg/", "/") for kind in (IMAGE, COMPRESSED_IMAGE, IMU, ODOMETRY))
         found = ", ".join(f"{topic.name} ({topic.short_type})" for topic in bag.topics) or "nothing"
         raise BagError(f"{bag.path}: no usable topic; wanted {wanted}; found {found}")
     return TopicChoice(image, gyro, odometry, truth)
+
+
+def settings_as_asked(settings: TopicSettings, request: TopicRequest) -> TopicSettings:
+    """The settings by which `choose_topics` finds in the same bag what it finds by these and `request`."""
+    names = {
+        "compass_image": request.image,
+        "gyro_topic": request.gyro,
+        "odometry_topic": request.odometry,
+        "truth_topic": request.truth,
+    }
+    changes = {name: asked for name, asked in names.items() if asked is not None}
+    if request.image not in (None, NONE):
+        changes["image_transport"] = "raw" if _strip_transport(request.image) == request.image else "compressed"
+    return replace(settings, **changes)  # type: ignore[arg-type]
 
 
 def _choose(
@@ -70,7 +94,7 @@ def _choose(
     by_type: bool = True,
 ) -> Topic | None:
     """One topic of one of `kinds`; earlier kinds win where the same camera is there twice."""
-    if requested == NONE:
+    if absent(preferred if requested is None else requested):
         return None
     candidates = [
         topic
@@ -80,11 +104,11 @@ def _choose(
     ]
     if requested is not None:
         return _requested(bag, candidates, requested, kinds, option)
-    candidates = [topic for topic in candidates if topic.name not in taken]
-    named = [topic for topic in candidates if _base(topic) == _strip_transport(preferred)]
-    if named:
-        return named[0]
-    if not by_type:
+    candidates = [topic for topic in candidates if not any(_means(name, topic.name) for name in taken)]
+    named = [topic for topic in candidates if _means(_strip_transport(preferred), _base(topic))]
+    in_root = [topic for topic in named if _base(topic) == in_bag(_strip_transport(preferred))]
+    candidates = in_root[:1] or named or candidates
+    if not by_type and not named:
         return None
     if len({_base(topic) for topic in candidates}) > 1:
         names = ", ".join(topic.name for topic in candidates)
@@ -97,7 +121,7 @@ def _choose(
 def _requested(bag: Bag, candidates: Sequence[Topic], name: str, kinds: Sequence[str], option: str) -> Topic:
     """The topic of that name, transport suffix optional."""
     exact = [topic for topic in candidates if topic.name == name]
-    alike = [topic for topic in candidates if _base(topic) == name]
+    alike = [topic for topic in candidates if in_bag(name) in (in_bag(topic.name), _base(topic))]
     if exact or alike:
         return (exact or alike)[0]
     names = ", ".join(topic.name for topic in candidates) or NONE
@@ -115,13 +139,19 @@ def is_depth(topic: Topic) -> bool:
     return topic.msgtype == COMPRESSED_IMAGE and topic.name.endswith(DEPTH)
 
 
+def _means(name: str, topic: str) -> bool:
+    """Whether a name of the settings means this topic of the bag; a relative one may be in any namespace."""
+    return in_bag(topic) == name if name.startswith("/") else in_bag(topic).endswith(f"/{name}")
+
+
 def _base(topic: Topic) -> str:
-    """The name without the suffix that image_transport adds."""
-    return _strip_transport(topic.name) if topic.msgtype == COMPRESSED_IMAGE else topic.name
+    """The name, with a slash ahead, without the suffix that image_transport adds."""
+    name = in_bag(topic.name)
+    return _strip_transport(name) if topic.msgtype in (COMPRESSED_IMAGE, *VIDEOS) else name
 
 
 def _strip_transport(name: str) -> str:
-    return name.removesuffix("/compressed")
+    return name.removesuffix("/compressed").removesuffix("/ffmpeg").removesuffix("/foxglove")
 
 
 def _types(kinds: Sequence[str]) -> str:

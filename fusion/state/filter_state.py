@@ -193,7 +193,12 @@ class FilterState:
     def against_tracks(self) -> float:
         """Variance, rad^2, for what tracks say that no gyro contradicts, while images are followed instead."""
         tracks, scale, t_ns = self.turns.tracks, float(self.x[State.SCALE]), self.t_ns or 0
-        if tracks is None or self.believes(Sensor.GYRO) or not self.believes(Sensor.TRACKS):
+        if (
+            tracks is None
+            or tracks.gap_ns > RATE_SILENT_NS
+            or self.believes(Sensor.GYRO)
+            or not self.believes(Sensor.TRACKS)
+        ):
             return 0.0
         beyond = float(self.x[State.YAW]) - self.turns.start.yaw - tracks.turn_until(t_ns) / scale
         known = self.turns.start.scale_sigma / scale * tracks.turn_until(t_ns) / scale

@@ -44,7 +44,7 @@ class CompassUpdate:
         if before.scale_variance > 0.0 and not before.isolation.excludes(Sensor.COMPASS):
             ekf.widen(State.YAW, before.scale_variance)
             state.aided_yaw = float(ekf.x[State.YAW])
-        self._fuse(state, event)
+        self._fuse(before, state, event)
         if state.turns.start_ns == event.t_ns != before.turns.start_ns:
             state.turns = replace(state.turns, corrected=float(ekf.x[State.YAW]) - state.turns.start.yaw)
 
@@ -54,7 +54,7 @@ class CompassUpdate:
         if event.long_baseline:
             state.clones = state.clones.kept(slot)
 
-    def _fuse(self, state: FilterState, event: CompassEvent) -> None:
+    def _fuse(self, before: FilterState, state: FilterState, event: CompassEvent) -> None:
         """Take in the turn since a remembered yaw, or place that yaw where the increment says."""
         ekf, slot = state.ekf, state.clones.slot_of(event.sample.t_ref_ns)
         known = slot is not None
@@ -85,7 +85,9 @@ class CompassUpdate:
         others = max(S - ekf.jitter * rate**2, measurement.R)
         verdict = self._gating.judge(state, Sensor.COMPASS, measurement, S) if known and not moved else None
         if verdict is Verdict.ACCEPTED:
-            state.turn_count = state.turn_count.after(event.t_ns, measurement.innovation, S)
+            since_ns = before.gates[Sensor.COMPASS].accepted_ns
+            seconds = (event.t_ns - (event.sample.t_ref_ns if since_ns is None else since_ns)) * 1e-9
+            state.turn_count = state.turn_count.after(event.t_ns, measurement.innovation, S, seconds)
         if known and not state.isolation.exclusions and not increment.long_baseline and not moved:
             state.jitter = state.jitter.after(measurement.innovation, others, rate)
         if verdict is None or excluded:

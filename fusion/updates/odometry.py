@@ -16,6 +16,7 @@ from compass.tilt import Vector
 from fusion.buffer.events import Sensor, TracksEvent
 from fusion.checks.gate import Verdict
 from fusion.checks.silence import RATE_SILENT_NS
+from fusion.checks.turn_count import TurnCount
 from fusion.config import FusionConfig
 from fusion.imu.tilt import heading_gain
 from fusion.samples import OdometrySample
@@ -139,21 +140,32 @@ class OdometryUpdate:
             jerk = (sample.yaw_rate - tracks.reference.yaw_rate) * config.track_timing
             noise = ekf.slip_speed * config.track_noise**2 * seconds + jerk**2
             measurement = tracks_measurement(ekf, turn, noise, modulo_turn=modulo_turn, alone=alone)
-            fastest = max(sample.yaw_rate, turn / seconds, key=abs)
-            learnt = learnt_slip(ekf, (state.slip_turn, state.slip_speed), measurement, fastest, seconds)
-            verdict = self._gating.judge(state, Sensor.TRACKS, measurement)
-            if not alone and verdict is Verdict.ACCEPTED:
-                state.slip_turn, state.slip_speed = learnt
-            elif verdict is Verdict.RECOVERED:
-                # the ground has changed: learn the scale anew, and how the tracks slip on it
-                state.slip_turn, state.slip_speed = self._slip, self._slip
-                ekf.renew(State.SCALE, config.initial_scale_sigma**2, config.initial_scale)
+            # across a gap in which it may have turned round poses tell nothing: their full turn is not its own
+            S = ekf.innovation_variance(measurement)
+            open_turns = TurnCount().after(event.t_ns, measurement.innovation, S, seconds)
+            if not modulo_turn or open_turns.since_ns is None:
+                fastest = max(sample.yaw_rate, turn / seconds, key=abs)
+                self._judge(state, measurement, fastest, seconds, alone=alone)
             state.tracks = TrackClaim(sample, sample, 0.0)
             refer_tracks(ekf)
         else:
             gap = (sample.t_ns - tracks.last.t_ns) * 1e-9
             state.tracks = TrackClaim(tracks.reference, sample, tracks.turn + sample.yaw_rate * gap)
         note_slip(ekf, sample.yaw_rate, sample.speed)
+
+    def _judge(
+        self, state: FilterState, measurement: Measurement, fastest: float, seconds: float, *, alone: bool
+    ) -> None:
+        """Pass a turn over `seconds`, at most at `fastest` rad/s, through the gate, and learn how it slipped."""
+        ekf, config = state.ekf, self._config
+        learnt = learnt_slip(ekf, (state.slip_turn, state.slip_speed), measurement, fastest, seconds)
+        verdict = self._gating.judge(state, Sensor.TRACKS, measurement)
+        if not alone and verdict is Verdict.ACCEPTED:
+            state.slip_turn, state.slip_speed = learnt
+        elif verdict is Verdict.RECOVERED:
+            # the ground has changed: learn the scale anew, and how the tracks slip on it
+            state.slip_turn, state.slip_speed = self._slip, self._slip
+            ekf.renew(State.SCALE, config.initial_scale_sigma**2, config.initial_scale)
 
 
 def tracks_measurement(ekf: YawEkf, turn: float, noise: float, *, modulo_turn: bool, alone: bool) -> Measurement:

@@ -1,6 +1,7 @@
 """The visual compass on the robot.
 
 ros2 launch visual_compass visual_compass.launch.py compass_image:=/camera/pano image_transport:=compressed
+ros2 launch visual_compass visual_compass.launch.py namespace:=robot1 gyro_topic:=none
 """
 
 import os
@@ -17,16 +18,19 @@ PROFILE = "FASTRTPS_DEFAULT_PROFILES_FILE"
 
 # Launch arguments that set a parameter of the same name.
 PARAMETERS = {
-    "compass_image": "topic of the panoramas",
-    "image_transport": "raw or compressed",
+    "compass_image": "topic of the panoramas, none: no camera",
+    "image_transport": "raw, compressed, ffmpeg or foxglove",
     "compass_output_topic": "topic of the raw compass",
     "compass_textout": "true: print the current angle",
-    "gyro_topic": "topic of the gyro",
-    "odometry_topic": "topic of the track odometry",
+    "gyro_topic": "topic of the gyro, none: no gyro",
+    "odometry_topic": "topic of the track odometry, none: no odometry",
     "fused_output_topic": "topic of the fused yaw",
     "odom_frame": "frame_id of the outputs",
     "base_frame": "child_frame_id of the outputs",
+    "position": "dead_reckoning, or none: x and y are zero",
     "publish_tf": "true: broadcast odom_frame -> base_frame",
+    "invert_tf": "true: broadcast base_frame -> odom_frame instead",
+    "reliable": "true: take every image in its turn, for a bag",
     "use_sim_time": "true: time comes from /clock",
 }
 
@@ -46,7 +50,8 @@ def start(context: LaunchContext) -> list:
     node = Node(
         package="visual_compass",
         executable=value("node"),
-        name=value("node"),
+        name=value("name") or value("node"),
+        namespace=value("namespace"),
         output="screen",
         parameters=[value("params_file"), given],
     )
@@ -59,6 +64,10 @@ def generate_launch_description() -> LaunchDescription:
         DeclareLaunchArgument(
             "node", default_value="fusion_node", choices=["fusion_node", "compass_node"], description="which node"
         ),
+        DeclareLaunchArgument(
+            "namespace", default_value="", description="of the node; relative topics move with it, empty: none"
+        ),
+        DeclareLaunchArgument("name", default_value="", description="of the node; empty: that of its executable"),
         DeclareLaunchArgument(
             "params_file",
             default_value=os.path.join(SHARE, "config", "visual_compass.yaml"),

@@ -1,6 +1,7 @@
 """The visual compass on a bag of any format, compressed panoramas republished as raw.
 
 ros2 launch visual_compass visual_compass_bag.launch.py bagfile:=drive.bag
+ros2 launch visual_compass visual_compass_bag.launch.py bagfile:=drive.bag reliable:=true
 """
 
 import os

@@ -2,11 +2,12 @@
 
     python tests/benchmarks/soak.py --seconds 60
     python tests/benchmarks/soak.py --transport raw --profile none
+    python tests/benchmarks/soak.py --seconds 30 --busy 2
 
 Three processes, as on a robot: sensors (30 Hz JPEG panoramas of 2048x1024, 200 Hz gyro, 50 Hz track odometry), the
 node, and a listener that compares the arrival of each output with its stamp. `--transport raw` sends 15 Hz raw frames
-of 1600x800 in colour instead, `--profile none` goes without the Fast DDS profile of this package. `--markdown FILE`
-writes the section of that file as well.
+of 1600x800 in colour instead, `--profile none` goes without the Fast DDS profile of this package, `--busy N` has N
+programs beside it that take all they can. `--markdown FILE` writes the section of that file as well.
 """
 
 from __future__ import annotations
@@ -20,7 +21,8 @@ import signal
 import subprocess
 import sys
 import time
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import cv2
@@ -257,12 +259,25 @@ Lost: {lost}. The node uses {result["cpu_percent"]:.0f} % of a core; its memory 
     write_section(page, "live nodes", text)
 
 
+@contextmanager
+def busy(count: int) -> Iterator[None]:
+    """Programs that take all of a core each, at the same priority as everything else."""
+    programs = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(count)]
+    try:
+        yield
+    finally:
+        for program in programs:
+            program.kill()
+            program.wait()
+
+
 def main() -> None:
     """Parse the command line."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seconds", type=float, default=60.0)
     parser.add_argument("--transport", choices=("compressed", "raw"), default="compressed")
     parser.add_argument("--profile", default=str(ROOT / "config" / "fastdds.xml"), help="of Fast DDS, or none")
+    parser.add_argument("--busy", type=int, default=0, help="programs beside it that compute without end")
     parser.add_argument("--json", type=Path, help="write the figures here as well")
     parser.add_argument("--markdown", type=Path, help="write the section of this file, too")
     parser.add_argument("--role", choices=("soak", "sense", "listen"), default="soak", help=argparse.SUPPRESS)
@@ -272,7 +287,8 @@ def main() -> None:
     elif arguments.role == "listen":
         print(json.dumps(listen()))
     else:
-        result = soak(arguments.seconds, arguments.transport, arguments.profile)
+        with busy(arguments.busy):
+            result = soak(arguments.seconds, arguments.transport, arguments.profile)
         print("\n".join(f"{name:30} {value:10.1f}" for name, value in result.items()))
         if arguments.json:
             arguments.json.write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")

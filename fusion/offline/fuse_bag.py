@@ -1,0 +1,177 @@
+"""``visual-compass fuse``: a recording in, a folder of results out."""
+
+from __future__ import annotations
+
+import logging
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from compass.errors import ArgumentError
+from compass.images.strip import rows_used
+from fusion.offline.atomic_output import staged_folder
+from fusion.offline.bag import BagError
+from fusion.offline.console import progress_bar
+from fusion.offline.crop import cropped
+from fusion.offline.earlier_results import OPTIONAL, check_place, settings_hash
+from fusion.offline.image_files import SensorFiles
+from fusion.offline.open_recording import Read, open_recording
+from fusion.offline.plot import plot_run
+from fusion.offline.recording import BagRecording
+from fusion.offline.report.page import FILE as REPORT
+from fusion.offline.report.page import check_bokeh, write_report
+from fusion.offline.report.thumbnails import Thumbnails
+from fusion.offline.rerun_export import FILE as RERUN
+from fusion.offline.rerun_export import check_rerun, write_rerun
+from fusion.offline.results import write_results
+from fusion.offline.run import FusedRun, fuse_recording, smooth_run
+from fusion.offline.source import Source, source_of
+from fusion.offline.streams import Progress
+from fusion.offline.summary import provenance, summarise
+from fusion.offline.topics import TopicRequest, settings_as_asked
+from fusion.settings import Settings
+
+log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, slots=True)
+class Fused:
+    """A finished `fuse`: the folder, the run and its summary."""
+
+    folder: Path
+    run: FusedRun
+    summary: dict[str, Any]
+
+
+@dataclass(slots=True)
+class Look:
+    """What a run is watched for: pictures where a report wants them, progress (0..1) where somebody asks."""
+
+    pictures: list[Thumbnails] | None = None
+    progress: Progress | None = None
+
+
+def fuse_bag(
+    path: Path,
+    out: Path | None,
+    settings: Settings,
+    request: TopicRequest | None = None,
+    *,
+    smooth: bool = False,
+    force: bool = False,
+    inputs: Sequence[Path] = (),
+    known_as: str = "",
+    progress: Progress | None = None,
+    sensors: SensorFiles | None = None,
+    report: bool = False,
+    rerun: bool = False,
+) -> Fused:
+    """Fuse a bag, a video or a folder of images and write the results.
+
+    Parameters
+    ----------
+    path : Path
+        ROS 1 bag, MCAP, sqlite3 file or rosbag2 folder; video; folder of images with a ``times.csv``.
+    out : Path or None
+        Folder for the results; None puts it into the current folder, named after the bag.
+    settings : Settings
+        Of compass, filter, IMU, topics, and what of the bag to fuse.
+    request : TopicRequest, optional
+        Topics asked for by name.
+    smooth : bool
+        Whether to add the smoothed yaw, whatever the settings say.
+    force : bool
+        Whether `out` may be a folder with something else in it than earlier results of this bag.
+    inputs : sequence of Path
+        Other files that are read, such as that of the settings; never replaced.
+    known_as : str
+        Where the bag came from if `path` is a copy.
+    progress : callable, optional
+        Takes the finished part, 0..1; otherwise it is shown.
+    sensors : SensorFiles, optional
+        CSV files of the other sensors, beside a video or a folder of images.
+    report, rerun : bool
+        Whether to write ``report.html``, and ``run.rrd`` for the Rerun viewer, too.
+
+    Raises
+    ------
+    VisualCompassError
+        The bag or the place for the results cannot be used; nothing is written then.
+    """
+    if not isinstance(path, Path):
+        told = f"path is {path!r}, a {type(path).__name__}"
+        raise ArgumentError(f"{told}; give pathlib.Path, or call fusion.offline.fuse, which takes both")
+    if report:
+        check_bokeh()
+    if rerun:
+        check_rerun()
+    out = out or Path(f"{path.resolve().stem}_yaw")
+    request, sensors = request or TopicRequest(), sensors or SensorFiles()
+    used = settings_as_used(settings, request, smooth=smooth)
+    source = source_of(path, known_as)
+    inputs = (path, *inputs, *sensors.paths, *([Path(settings.compass.mask)] if settings.compass.mask else []))
+    look = Look([] if report or rerun else None, progress)
+
+    def check() -> None:
+        check_place(out, source, force=force, inputs=inputs)
+
+    check()
+    with open_recording(path, settings, request, sensors) as read, staged_folder(out, OPTIONAL) as staging:
+        run, summary = fuse_opened(path, read, used, source, look)
+        write_results(staging, run, used, summary)
+        plot_run(run, staging / "yaw.png", f"{path.name}: yaw")
+        if report:
+            write_report(staging / REPORT, run, summary, path.name, *look.pictures or ())
+        if rerun:
+            write_rerun(staging / RERUN, run, *look.pictures or ())
+        check()  # it may have been filled meanwhile
+    return Fused(out, run, summary)
+
+
+def fuse_opened(path: Path, read: Read, used: Settings, source: Source, look: Look) -> tuple[FusedRun, dict[str, Any]]:
+    """The run and the summary of a recording that is open; nothing is written. The pictures of `look` are added.
+
+    Raises
+    ------
+    VisualCompassError
+        It is damaged, or none of its samples can be used.
+    """
+    with _shown("reading samples", look.progress, 0.0, 0.1) as part:
+        recording = cropped(read(part), used.offline)
+    if look.pictures is None and isinstance(recording, BagRecording):
+        recording.bottom = rows_used(used.compass)
+    watched = Thumbnails(recording)
+    with _shown("fusing", look.progress, 0.1, 1.0) as part:
+        run = fuse_recording(recording if look.pictures is None else watched, used, part)
+    if look.pictures is not None:
+        look.pictures.append(watched)
+    if not run.rows:
+        raise BagError(f"{path}: no sample was usable: {_reasons(recording.dropped + run.fusion_counts)}")
+    if used.offline.smooth:
+        smooth_run(run, used)
+    for reason, count in recording.dropped.items():
+        log.warning("%d unusable: %s", count, reason)
+    return run, provenance(source, settings_hash(used)) | summarise(run, recording)
+
+
+def settings_as_used(settings: Settings, request: TopicRequest, *, smooth: bool = False) -> Settings:
+    """The settings that repeat a run by themselves, without what was asked for beside them."""
+    offline = replace(settings.offline, smooth=smooth or settings.offline.smooth)
+    return replace(settings, topics=settings_as_asked(settings.topics, request), offline=offline)
+
+
+@contextmanager
+def _shown(title: str, progress: Progress | None, begin: float, end: float) -> Iterator[Progress]:
+    """Progress of a step, from `begin` to `end` of the whole where somebody asked for that, else on the screen."""
+    if progress is None:
+        with progress_bar(title) as shown:
+            yield shown
+    else:
+        yield lambda part: progress(begin + (end - begin) * part)
+
+
+def _reasons(counts: Counter[str]) -> str:
+    return ", ".join(f"{count} {reason}" for reason, count in counts.most_common())

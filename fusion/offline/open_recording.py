@@ -1,0 +1,66 @@
+"""What a path names: a bag, a video or a folder of images; each opened as a `Recording`."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from fusion.offline.bag import Bag, BagError
+from fusion.offline.folder import TIMES, ImageFolder, refuse_pictures
+from fusion.offline.image_files import ImageFileError, ImageRecording, SensorFiles, read_image_recording
+from fusion.offline.recording import BagRecording, read_recording
+from fusion.offline.streams import Progress
+from fusion.offline.topics import TopicRequest, choose_topics
+from fusion.offline.video_file import VideoFile
+from fusion.settings import Settings
+
+log = logging.getLogger(__name__)
+
+FileRecording = BagRecording | ImageRecording
+Read = Callable[[Progress], FileRecording]
+
+
+@contextmanager
+def open_recording(
+    path: Path, settings: Settings, request: TopicRequest | None = None, sensors: SensorFiles | None = None
+) -> Iterator[Read]:
+    """Open a bag, a video or a folder of images; gives a function that reads all but the panoramas.
+
+    Parameters
+    ----------
+    path : Path
+        ROS 1 bag, MCAP, sqlite3 file or rosbag2 folder; video file; folder with a ``times.csv``.
+    settings : Settings
+        Of compass, IMU and topics.
+    request : TopicRequest, optional
+        Topics of a bag asked for by name.
+    sensors : SensorFiles, optional
+        Files of the other sensors beside a video or a folder.
+
+    Raises
+    ------
+    VisualCompassError
+        It cannot be opened, or was given what does not fit it.
+    """
+    sensors, columns = sensors or SensorFiles(), settings.compass.decoded_columns
+    if VideoFile.is_one(path) or ImageFolder.is_one(path):
+        if request is not None and request != TopicRequest():
+            raise ImageFileError(f"{path}: no bag and so without topics; give --gyro and --odometry CSV files")
+        if ImageFolder.is_one(path) and sensors.video_start_ns is not None:
+            raise ImageFileError(f"{path}: --video-start is for videos; the times of images are in {TIMES}")
+        images = ImageFolder(path) if ImageFolder.is_one(path) else VideoFile(path, sensors.video_start_ns or 0)
+        for role, file in (("image", path), ("gyro", sensors.gyro), ("odometry", sensors.odometry)):
+            log.info("%s: %s", role, file or "none")
+        yield lambda progress: read_image_recording(images, sensors, settings.imu, columns)
+        return
+    if sensors:
+        raise BagError(f"{path}: --gyro, --odometry, --truth and --video-start go with a video or a folder of images")
+    refuse_pictures(path)
+    with Bag(path) as bag:
+        choice = choose_topics(bag, settings.topics, request)
+        for role in ("image", "gyro", "odometry", "truth"):
+            topic = getattr(choice, role)
+            log.info("%s: %s", role, f"{topic.name} ({topic.short_type}, {topic.count})" if topic else "none")
+        yield lambda progress: read_recording(bag, choice, settings.imu, columns, progress)

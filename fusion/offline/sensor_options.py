@@ -1,0 +1,70 @@
+"""Options of the command that name files of sensors, beside a video or a folder of images."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import click
+
+GYRO_COLUMNS = "t (s) or t_ns; yaw_rate (rad/s, left positive), or gx,gy,gz (rad/s) and ax,ay,az (m/s^2)"
+ODOMETRY_COLUMNS = "t (s) or t_ns; yaw_rate (rad/s) or yaw (rad) or both, left positive; speed (m/s)"
+TRUTH_COLUMNS = "t (s) or t_ns; yaw (rad, left positive)"
+
+
+class Moment(click.ParamType):  # type: ignore[type-arg, unused-ignore]  # generic since click 8.4
+    """A time in seconds, as exact nanoseconds."""
+
+    name = "s"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> int:
+        """From text; a usage error where it is none."""
+        from fusion.offline.sensor_csv import nanoseconds
+
+        try:
+            return value if isinstance(value, int) else nanoseconds(str(value))
+        except ValueError:
+            self.fail(f"{value!r} is no time in seconds, zero or later", param, ctx)
+
+
+def sensor_file_options(command: Callable[..., None]) -> Callable[..., None]:
+    """Give a command the options, and their values as its argument `sensors`."""
+    file = click.Path(path_type=Path)
+
+    @functools.wraps(command)
+    def with_files(
+        *arguments: Any,
+        gyro_file: Path | None,
+        odometry_file: Path | None,
+        truth_file: Path | None,
+        video_start: int | None,
+        **others: Any,
+    ) -> None:
+        from fusion.offline.image_files import EMBEDDED, SensorFiles
+
+        gyro = EMBEDDED if gyro_file == Path(EMBEDDED) else gyro_file
+        command(*arguments, sensors=SensorFiles(gyro, odometry_file, truth_file, video_start), **others)
+
+    for option in (
+        click.option(
+            "--video-start",
+            type=Moment(),
+            metavar="S",
+            help="Time of a video's first frame by the clock of the CSV files, s  [default: 0]",
+        ),
+        click.option("--truth", "truth_file", type=file, metavar="CSV", help=f"Beside a video: {TRUTH_COLUMNS}."),
+        click.option(
+            "--odometry", "odometry_file", type=file, metavar="CSV", help=f"Beside a video: {ODOMETRY_COLUMNS}."
+        ),
+        click.option(
+            "--gyro",
+            "gyro_file",
+            type=file,
+            metavar="CSV",
+            help=f"Beside a video or a folder of images: {GYRO_COLUMNS}; 'embedded': the gyro inside the video.",
+        ),
+    ):
+        with_files = option(with_files)
+    return with_files
