@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
-from scipy.interpolate import make_interp_spline
 
 from compass.flow.coarse_shift import coarse_shift, quantile
 from compass.flow.correlation import Floats, pooled_spectrum, signed
@@ -148,6 +147,8 @@ def _interpolated_peaks(scores: Pixels, best: np.ndarray[tuple[int], np.dtype[np
 @lru_cache(maxsize=1)
 def _spline_weights() -> Floats:
     """(2 * TAPS + 1, 2 * FINE + 1) weights of a quintic spline through the samples, from -1 to 1 column."""
+    from scipy.interpolate import make_interp_spline  # brings half of scipy, and small strips alone need it
+
     samples = np.arange(-TAPS, TAPS + 1)
     spline = make_interp_spline(samples, np.eye(samples.size), k=5)
     return np.asarray(spline(np.arange(-FINE, FINE + 1) / FINE), dtype=np.float64).T
