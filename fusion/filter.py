@@ -78,7 +78,7 @@ class YawFilter:
             return state
         if isinstance(event, TracksEvent):
             state.odometry_fields, sample = before.odometry_fields.after(event.sample, before.trail.up_at(event.t_ns))
-            event = replace(event, sample=sample)
+            event = TracksEvent(sample, event.t_ns, event.order)
         if before.t_ns is None:
             state.stillness = Stillness(event.t_ns, reference_ns=event.t_ns)
         elif event.t_ns - before.t_ns > (WATCHED_NS if isinstance(event, ReferenceEvent) else RATE_SILENT_NS):

@@ -74,8 +74,7 @@ class YawPipeline:
 
     def warnings(self) -> list[Warning]:
         """What is wrong at present with sensors, clocks and images, most serious first."""
-        estimate = self.fusion.estimate()
-        found = list(estimate.warnings if estimate else self.fusion.stamp_warnings())
+        found = self.fusion.warnings()
         for source in self.warning_sources:
             found += source()
         found += self._refusals.warnings(self.fusion.reports(), found)

@@ -37,7 +37,7 @@ class Voice:
         if gap_ns <= 0:
             self._split(t_ns)
             return
-        if len(self.gaps) >= FEWEST_GAPS and gap_ns > MISSING * median(self.gaps):
+        if len(self.gaps) >= FEWEST_GAPS and gap_ns > MISSING * min(self.gaps) and gap_ns > MISSING * median(self.gaps):
             self.pauses.append((self.newest_ns, t_ns))
         self.gaps.append(gap_ns)
         self.newest_ns = t_ns

@@ -206,7 +206,7 @@ class _Run:
 
     def _estimate_at(self, t_ns: int) -> YawEstimate | None:
         """The estimate for a row's own time; None where there is none worth the name."""
-        newest = self.pipeline.estimate()
-        if newest is None or not 0 <= t_ns - newest.t_ns <= LONGEST_PREDICTION_NS:
+        newest_ns = self.pipeline.fusion.state.t_ns
+        if newest_ns is None or not 0 <= t_ns - newest_ns <= LONGEST_PREDICTION_NS:
             return None
         return self.pipeline.estimate(t_ns)

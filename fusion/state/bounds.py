@@ -52,7 +52,7 @@ def forget_beyond(P: Array, yaw: int, yaws: npt.NDArray[np.bool_]) -> Array | No
 
 def rounding(H: Array, P: Array) -> float:
     """Variance by which rounding blurs a measurement of Jacobian H, shape (1, n): it may see a small difference."""
-    return ROUNDING * float(H[0] ** 2 @ np.diagonal(P))
+    return ROUNDING * float((H[0] * H[0]) @ P.diagonal())
 
 
 def blurred(P: Array, by: Array) -> Array:

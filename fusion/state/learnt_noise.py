@@ -59,20 +59,23 @@ class LearntNoise:
     def _mean_square(self) -> float:
         if not self.weights:
             return self.known**2
-        top = max(self.weights)
-        shares = [math.exp(weight - top) for weight in self.weights]
-        return float(sum(share * sigma**2 for share, sigma in zip(shares, self.values, strict=True)) / sum(shares))
+        top, exp = max(self.weights), math.exp
+        shares = [exp(weight - top) for weight in self.weights]
+        return sum([share * sigma * sigma for share, sigma in zip(shares, self.values, strict=True)]) / sum(shares)
 
     def after(self, innovation: float, others: float, gain: float) -> LearntNoise:
         """After an innovation in which it shows `gain` times; `others` is the variance for all other reasons."""
         if not self.weights or (self.values[-1] * gain) ** 2 < others:
             return self  # uninformative
-        keep, tail, squared, log = 1.0 - 1.0 / self.memory, self.tail, innovation**2, math.log
-        weights = []
-        for weight, prior, sigma in zip(self.weights, self.prior, self.values, strict=True):
-            S = others + (sigma * gain) ** 2
-            likelihood = -0.5 * (log(S) + (tail + 1.0) * log(1.0 + squared / (tail * S)))
-            weights.append(keep * weight + (1.0 - keep) * prior + likelihood)
+        log, squared = math.log, gain * gain
+        forgotten = 1.0 / self.memory
+        keep, power, scaled = 1.0 - forgotten, self.tail + 1.0, innovation * innovation / self.tail
+        weights = [
+            keep * weight
+            + forgotten * prior
+            - 0.5 * (log(S := others + sigma * sigma * squared) + power * log(1.0 + scaled / S))
+            for weight, prior, sigma in zip(self.weights, self.prior, self.values, strict=True)
+        ]
         top = max(weights)
         weights = [weight - top for weight in weights]
         return LearntNoise(self.known, self.values, tuple(weights), self.prior, self.memory, self.tail)

@@ -81,9 +81,9 @@ class CompassUpdate:
         witnessed = state.gyro_since_ns is not None and state.gyro_since_ns <= event.sample.t_ref_ns
         witnessed = witnessed and state.hears(Sensor.GYRO)
         rate = float(ekf.x[State.RATE])
-        others = max(ekf.innovation_variance(measurement) - ekf.jitter * rate**2, measurement.R)
         S = ekf.innovation_variance(measurement)
-        verdict = self._gating.judge(state, Sensor.COMPASS, measurement) if known and not moved else None
+        others = max(S - ekf.jitter * rate**2, measurement.R)
+        verdict = self._gating.judge(state, Sensor.COMPASS, measurement, S) if known and not moved else None
         if verdict is Verdict.ACCEPTED:
             since_ns = before.gates[Sensor.COMPASS].accepted_ns
             seconds = (event.t_ns - (event.sample.t_ref_ns if since_ns is None else since_ns)) * 1e-9

@@ -27,9 +27,10 @@ class Gating:
         seconds = dict.fromkeys(Sensor, config.recovery_time) | {Sensor.TRACKS: config.slip_recovery_time}
         self._recovery_ns = {sensor: round(time * 1e9) for sensor, time in seconds.items()}
 
-    def judge(self, state: FilterState, sensor: Sensor, measurement: Measurement) -> Verdict:
-        """Pass a measurement through its gate and fuse it if accepted."""
-        S = state.ekf.innovation_variance(measurement)
+    def judge(self, state: FilterState, sensor: Sensor, measurement: Measurement, S: float | None = None) -> Verdict:
+        """Pass a measurement through its gate and fuse it if accepted; `S`, its innovation's variance, if known."""
+        if S is None:
+            S = state.ekf.innovation_variance(measurement)
         limit, recovery_ns = self.limit, self._recovery_ns[sensor]
         if state.isolation.excludes(sensor) or (sensor is Sensor.TRACKS and state.isolation.alternative(sensor)):
             limit, recovery_ns = -1.0, FOREVER_NS

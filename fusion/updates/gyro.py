@@ -72,7 +72,8 @@ class GyroUpdate:
         prior, accepted_ns = S - measurement.R, refused.accepted_ns
         if accepted_ns is not None and measurement.innovation**2 > self._gating.limit * S:
             allow_start(state.ekf, (event.t_ns - accepted_ns) * 1e-9)
-        verdict = self._gating.judge(state, Sensor.GYRO, measurement)
+            S = state.ekf.innovation_variance(measurement)
+        verdict = self._gating.judge(state, Sensor.GYRO, measurement, S)
         if not state.stillness.standing and verdict is Verdict.ACCEPTED:
             walked = math.sqrt(max(prior, 0.0) / state.ekf.rate_walk_scale)
             state.rate_walk_scale = state.rate_walk_scale.after(measurement.innovation, measurement.R, walked)

@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -70,7 +70,7 @@ class OdometryFields:
         if pose and not twist and last is not None and sample.t_ns > last.t_ns:
             rate = turn / ((sample.t_ns - last.t_ns) * 1e-9)
         yaw = sample.yaw + voice.lead if pose and sample.yaw is not None else None
-        return voice, replace(sample, yaw=yaw, yaw_rate=rate * gain)
+        return voice, OdometrySample(sample.t_ns, rate * gain, sample.speed, yaw)
 
 
 @dataclass(frozen=True, slots=True)

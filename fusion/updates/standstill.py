@@ -150,7 +150,20 @@ class Stillness:
         lately = lately + (yaw_rate - lately) / min(known.count + 1, RECENT)
         if known.count > 2 * RECENT and abs(lately - known.mean) > MOTION_SIGMAS * sigma * RECENT**-0.5:
             return self.moved(t_ns)
-        return replace(self, gyro_ns=t_ns, gyro_sigma=sigma, gyro=known.add(yaw_rate), gyro_lately=lately)
+        # at every sample, and `replace` takes twice as long
+        return Stillness(
+            self.since_ns,
+            self.reference_ns,
+            self.standing,
+            t_ns,
+            sigma,
+            known.add(yaw_rate),
+            lately,
+            self.tracks_ns,
+            self.track_rate,
+            self.track_speed,
+            self.compass,
+        )
 
     def with_tracks(self, sample: OdometrySample) -> Stillness:
         """After an odometry sample."""
