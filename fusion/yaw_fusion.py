@@ -175,9 +175,8 @@ class YawFusion:
             return self._refuse(sample, f"{sensor.value}: duplicate")
         if sensor in self._sequences and not self._sequences[sensor].fits(sample.t_ns):
             return self._refuse(sample, f"{sensor.value}: its stamp repeats or goes back")
-        if isinstance(event, CompassEvent):
-            self._remember_reference(event.sample)
-        arrival = self._timeline.add(event)
+        references = self._references_of(event.sample) if isinstance(event, CompassEvent) else ()
+        arrival = self._timeline.add(event, *references)
         if sample.t_ns > self._heard.get(sensor, sample.t_ns):
             self._gaps[sensor] = sample.t_ns - self._heard[sensor]
         self._heard[sensor] = max(self._heard.get(sensor, 0), sample.t_ns)
@@ -187,20 +186,22 @@ class YawFusion:
         self.counts[f"{sensor.value}: {'late' if arrival is Arrival.LATE else 'in order'}"] += 1
         return True
 
-    def _remember_reference(self, increment: YawIncrement) -> None:
-        """See to it that the filter has the yaw at an increment's reference, as far as it may go back for that."""
+    def _references_of(self, increment: YawIncrement) -> list[FusionEvent]:
+        """What gives the filter the yaw at an increment's reference, as far as it may go back for that."""
+        references: list[FusionEvent] = []
         first = self._timeline.newest_ns is None  # then there is no yaw but the initial one, which it had then
         before = self._last_increments.get(increment.long_baseline)
         if before is not None and increment.t_ns < before.t_ns:
             # it comes between others: those after it may have counted on the one before it
             for later in self._timeline.after(increment.t_ns):
                 if isinstance(later, CompassEvent) and later.sample.t_ref_ns < increment.t_ns:
-                    self._timeline.add(reference_of(later.sample))
+                    references.append(reference_of(later.sample))
             before = None
         elif before is None or increment.t_ns > before.t_ns:
             self._last_increments[increment.long_baseline] = increment
         if first or needs_reference(increment, before, self._reference_ns):
-            self._timeline.add(reference_of(increment))
+            references.append(reference_of(increment))
+        return references
 
     def set_yaw(self, heading: float, variance: float) -> None:
         """Say what the yaw is now, modulo a turn (rad, variance rad^2): the turn count and all references stay.

@@ -82,8 +82,25 @@ class Timeline(Generic[E, S]):
         """The events later than `t_ns`, ns."""
         return self._events[bisect_left(self._orders, (t_ns + 1,)) :]
 
-    def add(self, event: E) -> Arrival:
-        """Apply an event at its own time."""
+    def add(self, event: E, *others: E) -> Arrival:
+        """Apply an event at its own time, and others at theirs; what follows is replayed once.
+
+        What became of the event is returned; `others` are put in their places before it, where they fit.
+        """
+        arrivals = [self._insert(one) for one in (*others, event)]
+        changed = [place for place in arrivals if isinstance(place, int)]
+        if changed:
+            self._replay(min(changed))
+            self._newest_ns = self._events[-1].t_ns
+        last = arrivals[-1]
+        if isinstance(last, int):
+            last = Arrival.LATE if last < len(self._events) - 1 else Arrival.APPENDED
+        if changed:
+            self._forget()
+        return last
+
+    def _insert(self, event: E) -> int | Arrival:
+        """Put an event in its place, which is returned; or why it has none."""
         if self._newest_ns is not None and event.t_ns < self._newest_ns - self._window_ns:
             return Arrival.TOO_OLD
         order = event.order
@@ -92,11 +109,7 @@ class Timeline(Generic[E, S]):
             return Arrival.DUPLICATE
         self._orders.insert(place, order)
         self._events.insert(place, event)
-        self._replay(place)
-        late = place < len(self._events) - 1
-        self._newest_ns = self._events[-1].t_ns
-        self._forget()
-        return Arrival.LATE if late else Arrival.APPENDED
+        return place
 
     def _replay(self, place: int) -> None:
         """Step anew through the events from a place on."""
