@@ -71,6 +71,7 @@ def test_fuse_mcap_holds_both_yaws_and_diagnostics(fused):
         status = [bag.deserialize(message) for message in bag.messages("/diagnostics")][-1].status[0]
     images = TinyDrive().times(10.0).size
     assert counts["/compass_pose"] == ("nav_msgs/Odometry", images - 1)  # the first image has no increment
+    assert counts["/viz/pano/image"] == ("sensor_msgs/CompressedImage", images)
     assert counts["/odometry/fused"][1] == len([row for row in rows(fused) if row["fused_yaw"]])
     turn = last.pose.pose.orientation
     assert 2.0 * math.atan2(turn.z, turn.w) == pytest.approx(float(rows(fused)[-1]["fused_yaw"]), abs=1e-8)

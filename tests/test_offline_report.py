@@ -197,12 +197,15 @@ def test_report_is_of_bounded_size(results):
     assert (results / NAME / "report.html").stat().st_size < 3_000_000
 
 
-def test_thumbnails_are_spread_over_a_run_of_any_length(monkeypatch):
+@pytest.mark.parametrize("count", [0, 100, 333])
+def test_thumbnails_are_spread_over_a_run_of_any_length(count, monkeypatch):
     monkeypatch.setattr(thumbnails, "MOST", 20)
     drive = TinyDrive(width=32)
     frames = [thumbnails.Frame(index, drive.panorama(0.1 * index)) for index in range(333)]
 
     class Recording:
+        frame_count = count  # a video's container may not know, or be wrong
+
         def frames(self):
             return iter(frames)
 

@@ -48,7 +48,7 @@ class Fused:
 
 @dataclass(slots=True)
 class Look:
-    """What a run is watched for: pictures where a report wants them, progress (0..1) where somebody asks."""
+    """What a run is watched for: pictures of it, progress (0..1) where somebody asks."""
 
     pictures: list[Thumbnails] | None = None
     progress: Progress | None = None
@@ -113,7 +113,7 @@ def fuse_bag(
     used = settings_as_used(settings, request, smooth=smooth)
     source = source_of(path, known_as)
     inputs = (path, *inputs, *sensors.paths, *([Path(settings.compass.mask)] if settings.compass.mask else []))
-    look = Look([] if report or rerun else None, progress)
+    look = Look([], progress)
 
     def check() -> None:
         check_place(out, source, force=force, inputs=inputs)
@@ -121,7 +121,7 @@ def fuse_bag(
     check()
     with open_recording(path, settings, request, sensors) as read, staged_folder(out, OPTIONAL) as staging:
         run, summary = fuse_opened(path, read, used, source, look)
-        write_results(staging, run, used, summary)
+        write_results(staging, run, used, summary, [one for look_at in look.pictures or () for one in look_at.pictures])
         plot_run(run, staging / "yaw.png", f"{path.name}: yaw")
         if report:
             write_report(staging / REPORT, run, summary, path.name, *look.pictures or ())

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,12 +18,19 @@ from fusion.offline.earlier_results import SUMMARY
 from fusion.offline.run import FusedRun, Row
 from fusion.offline.scores import yaw_at
 from fusion.offline.streams import Floats, Times, TruthTrack
-from fusion.settings import Settings, dump_settings, in_bag
+from fusion.offline.topics import camera_topic
+from fusion.settings import Settings, absent, dump_settings, in_bag
 
 DIAGNOSTICS_EVERY_NS = 1_000_000_000
 
 
-def write_results(folder: Path, run: FusedRun, settings: Settings, summary: dict[str, Any]) -> None:
+def write_results(
+    folder: Path,
+    run: FusedRun,
+    settings: Settings,
+    summary: dict[str, Any],
+    pictures: Sequence[tuple[int, bytes]] = (),
+) -> None:
     """Write all result files but the plot into `folder`; no TUM file without a single yaw."""
     write_csv(folder / "yaw.csv", run)
     write_tum(folder / "compass.tum", ((row.t_ns, row.compass.yaw) for row in run.rows if row.compass))
@@ -31,7 +38,7 @@ def write_results(folder: Path, run: FusedRun, settings: Settings, summary: dict
     write_tum(folder / "smoothed.tum", ((row.t_ns, row.smoothed.yaw) for row in run.rows if row.smoothed))
     if run.truth is not None:
         write_tum(folder / "truth.tum", zip(run.t_ns.tolist(), _true_yaws(run.truth, run.t_ns).tolist(), strict=True))
-    write_mcap(folder / "result.mcap", run, settings)
+    write_mcap(folder / "result.mcap", run, settings, pictures)
     (folder / SUMMARY).write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
     (folder / "config.yaml").write_text(dump_settings(settings), encoding="utf-8")
 
@@ -131,12 +138,18 @@ def write_tum(path: Path, yaws: Iterable[tuple[int, float]]) -> None:
         path.write_text("".join(lines), encoding="utf-8")
 
 
-def write_mcap(path: Path, run: FusedRun, settings: Settings) -> None:
-    """Both yaws as Odometry, as the live node publishes them, and diagnostics once a second."""
+def write_mcap(path: Path, run: FusedRun, settings: Settings, pictures: Sequence[tuple[int, bytes]] = ()) -> None:
+    """Both yaws as Odometry, as the live node publishes them, diagnostics once a second, and small panoramas.
+
+    `pictures` are stamps, ns, and JPEG files.
+    """
     topics = settings.topics
     frames = (topics.odom_frame, topics.base_frame)
     told_ns = 0
     with BagWriter(path) as bag:
+        for t_ns, jpeg in pictures:
+            if jpeg and not absent(topics.compass_image):
+                bag.write_jpeg(in_bag(camera_topic(topics.compass_image)), t_ns, jpeg)
         for row in run.rows:
             compass, fused = row.compass, row.fused
             if compass and compass.increment:

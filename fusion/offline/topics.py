@@ -79,7 +79,7 @@ def settings_as_asked(settings: TopicSettings, request: TopicRequest) -> TopicSe
     }
     changes = {name: asked for name, asked in names.items() if asked is not None}
     if request.image not in (None, NONE):
-        changes["image_transport"] = "raw" if _strip_transport(request.image) == request.image else "compressed"
+        changes["image_transport"] = "raw" if camera_topic(request.image) == request.image else "compressed"
     return replace(settings, **changes)  # type: ignore[arg-type]
 
 
@@ -105,8 +105,8 @@ def _choose(
     if requested is not None:
         return _requested(bag, candidates, requested, kinds, option)
     candidates = [topic for topic in candidates if not any(_means(name, topic.name) for name in taken)]
-    named = [topic for topic in candidates if _means(_strip_transport(preferred), _base(topic))]
-    in_root = [topic for topic in named if _base(topic) == in_bag(_strip_transport(preferred))]
+    named = [topic for topic in candidates if _means(camera_topic(preferred), _base(topic))]
+    in_root = [topic for topic in named if _base(topic) == in_bag(camera_topic(preferred))]
     candidates = in_root[:1] or named or candidates
     if not by_type and not named:
         return None
@@ -147,10 +147,11 @@ def _means(name: str, topic: str) -> bool:
 def _base(topic: Topic) -> str:
     """The name, with a slash ahead, without the suffix that image_transport adds."""
     name = in_bag(topic.name)
-    return _strip_transport(name) if topic.msgtype in (COMPRESSED_IMAGE, *VIDEOS) else name
+    return camera_topic(name) if topic.msgtype in (COMPRESSED_IMAGE, *VIDEOS) else name
 
 
-def _strip_transport(name: str) -> str:
+def camera_topic(name: str) -> str:
+    """Name of a camera's topic without the suffix that image_transport adds."""
     return name.removesuffix("/compressed").removesuffix("/ffmpeg").removesuffix("/foxglove")
 
 

@@ -337,8 +337,8 @@ MUTANTS = (
     Mutant(
         "learnt-noise-never-forgets",
         "fusion/state/learnt_noise.py",
-        "1.0 - 1.0 / self.memory",
-        "1.0",
+        "forgotten = 1.0 / self.memory",
+        "forgotten = 0.0",
         _tests("test_noise::test_learning_a_noise_forgets_what_was_long_ago"),
     ),
     # ------------------------------------------------------------ fusion/updates and the filter
@@ -452,7 +452,7 @@ MUTANTS = (
     Mutant(
         "late-sample-not-replayed",
         "fusion/buffer/replay.py",
-        "self._replay(place)",
+        "self._replay(min(changed))",
         "self._replay(len(self._events) - 1)",
         _tests("test_replay::test_late_event_is_put_in_its_place"),
     ),

@@ -22,8 +22,8 @@ QUALITY = 60  # of the JPEG; 2 to 8 kB each, so 2 MB for all
 class Thumbnails:
     """A `Recording` that keeps a small picture of every so many-th panorama that passes.
 
-    The number of panoramas need not be known: whenever there are too many, every other one goes, and from then on only
-    half as many are taken.
+    The number of panoramas need not be known well: whenever there are too many, every other one goes, and from then on
+    only half as many are taken.
 
     Attributes
     ----------
@@ -62,7 +62,7 @@ class Thumbnails:
 
     def frames(self) -> Iterator[Frame]:
         """The panoramas, unchanged."""
-        self.pictures, every = [], 1
+        self.pictures, every = [], -(-max(self.frame_count, 1) // MOST)
         for index, frame in enumerate(self._recording.frames()):
             if index % every == 0:
                 self.pictures.append((frame.t_ns, small_jpeg(frame)))
