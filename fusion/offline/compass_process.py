@@ -15,8 +15,7 @@ import cv2
 from compass.errors import VisualCompassError
 from compass.methods.registry import OURS
 from fusion.offline.image_results import ImageResult, measure_images
-from fusion.offline.recording import BagRecording, Findings
-from fusion.offline.streams import Recording
+from fusion.offline.streams import Recording, SeparableRecording
 from fusion.settings import Settings
 
 
@@ -34,7 +33,7 @@ def measure_beside(recording: Recording, settings: Settings) -> Generator[ImageR
     VisualCompassError
         Whatever `measure_images` raises.
     """
-    if isinstance(recording, BagRecording) and recording.frame_count and _can_fork(settings):
+    if isinstance(recording, SeparableRecording) and recording.frame_count and _can_fork(settings):
         return _measure_beside(recording, settings)
     return measure_images(recording, settings)
 
@@ -54,7 +53,7 @@ def _can_fork(settings: Settings) -> bool:
     )
 
 
-def _measure_beside(recording: BagRecording, settings: Settings) -> Generator[ImageResult, None, None]:
+def _measure_beside(recording: SeparableRecording, settings: Settings) -> Generator[ImageResult, None, None]:
     context = multiprocessing.get_context("fork")  # the bag is open and its small samples are read
     here, there = context.Pipe(duplex=False)  # a full pipe lets the compass wait: memory is bounded
     process = context.Process(target=_work, args=(recording, settings, here, there), name="compass", daemon=True)
@@ -63,7 +62,7 @@ def _measure_beside(recording: BagRecording, settings: Settings) -> Generator[Im
     try:
         while True:
             try:
-                got: ImageResult | VisualCompassError | Findings = here.recv()
+                got = here.recv()  # an ImageResult, an error, or at the end what was found
             except EOFError:
                 process.join()
                 code = process.exitcode or 0
@@ -81,7 +80,7 @@ def _measure_beside(recording: BagRecording, settings: Settings) -> Generator[Im
         process.join()
 
 
-def _work(recording: BagRecording, settings: Settings, parent: Connection, there: Connection) -> None:
+def _work(recording: SeparableRecording, settings: Settings, parent: Connection, there: Connection) -> None:
     """What the other process does."""
     parent.close()  # so that writing fails once the parent is gone
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # which a terminal sends to both; the parent ends this one
