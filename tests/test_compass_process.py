@@ -6,6 +6,7 @@ import multiprocessing
 import os
 import signal
 from concurrent.futures import ProcessPoolExecutor
+from types import SimpleNamespace
 
 import cv2
 import pytest
@@ -16,6 +17,7 @@ from fusion.offline.bag import Bag, BagError
 from fusion.offline.compass_process import ProcessError, _can_fork, measure_beside
 from fusion.offline.image_results import measure_images
 from fusion.offline.recording import read_recording
+from fusion.offline.report.thumbnails import Thumbnails
 from fusion.offline.run import fuse_recording
 from fusion.offline.topics import choose_topics
 from fusion.settings import Settings
@@ -74,6 +76,13 @@ def test_the_tilt_is_what_the_live_pipeline_would_know(recording):
     last_ns = int(gyro.t_ns[-1])
     assert gyro.up_at(last_ns + 105_000_000) == log.at(last_ns + 105_000_000) is not None
     assert gyro.up_at(last_ns + 200_000_000) is log.at(last_ns + 200_000_000) is None
+
+
+def test_pictures_come_back_from_it_and_what_is_no_bag_is_read_here(recording, forking):
+    one, other = Thumbnails(recording()), Thumbnails(SimpleNamespace(frame_count=3))
+    list(measure_beside(one, SETTINGS))
+    assert len(one.pictures) == 31
+    assert not other.is_separable
 
 
 def killed(recording, settings):

@@ -33,7 +33,8 @@ def measure_beside(recording: Recording, settings: Settings) -> Generator[ImageR
     VisualCompassError
         Whatever `measure_images` raises.
     """
-    if isinstance(recording, SeparableRecording) and recording.frame_count and _can_fork(settings):
+    of_use = recording.frame_count > 0 and _can_fork(settings)
+    if of_use and isinstance(recording, SeparableRecording) and recording.is_separable:
         return _measure_beside(recording, settings)
     return measure_images(recording, settings)
 

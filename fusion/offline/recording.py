@@ -108,6 +108,11 @@ class BagRecording:
         return most_serious_first([*self.found, *lost])
 
     @property
+    def is_separable(self) -> bool:
+        """Its frames may be read in a fork."""
+        return True
+
+    @property
     def findings(self) -> Findings:
         """What reading its frames has found so far, for whoever reads them in another process."""
         return Findings(self.dropped, self.found, self.bag.faults)

@@ -143,6 +143,10 @@ class SeparableRecording(Recording, Protocol):
     """A recording whose frames may be read in a fork of this process, which sends back what it found."""
 
     @property
+    def is_separable(self) -> bool:
+        """Whether that holds of what it is made of, too."""
+
+    @property
     def findings(self) -> Any:
         """What reading its frames has found so far."""
 

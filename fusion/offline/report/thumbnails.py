@@ -62,6 +62,11 @@ class Thumbnails:
         return self._recording.warnings
 
     @property
+    def is_separable(self) -> bool:
+        """Whether the frames of what is wrapped may be read in a fork."""
+        return isinstance(self._recording, SeparableRecording) and self._recording.is_separable
+
+    @property
     def findings(self) -> tuple[Any, list[tuple[int, bytes]]]:
         """What reading the frames has found, and the pictures, for whoever reads them in another process."""
         return getattr(self._recording, "findings", None), self.pictures
