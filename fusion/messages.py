@@ -101,7 +101,7 @@ def yaw_of(quaternion: Any) -> float | None:
     return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
 
 
-def image_of(message: Any, columns: int) -> tuple[Image, str]:
+def image_of(message: Any, columns: int, bottom: float = 1.0) -> tuple[Image, str]:
     """Pixels of a ``sensor_msgs/Image`` or ``CompressedImage`` and their encoding; a view where nothing is decoded.
 
     Parameters
@@ -110,6 +110,8 @@ def image_of(message: Any, columns: int) -> tuple[Image, str]:
         Raw image, or JPEG or PNG bytes.
     columns : int
         Width the compass works at; a JPEG is decoded no larger than this needs.
+    bottom : float
+        Share of the height, from the top, that it looks at; of a JPEG the rest may be left black.
 
     Raises
     ------
@@ -117,6 +119,6 @@ def image_of(message: Any, columns: int) -> tuple[Image, str]:
         Unknown encoding, zero size, wrong `step` or length of `data`, corrupt JPEG.
     """
     if hasattr(message, "format"):
-        return image_from_compressed(message.data, columns, str(message.format)), ""
+        return image_from_compressed(message.data, columns, str(message.format), bottom), ""
     m = message
     return image_from_raw(m.data, m.encoding, m.height, m.width, m.step, bool(m.is_bigendian)), m.encoding

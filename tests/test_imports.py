@@ -17,10 +17,10 @@ ROOMS = {
     "compass/methods": NUMERICS | {"compass"},
     "compass/flow": NUMERICS | {"compass"},
     "compass/features": NUMERICS | {"compass"},
-    "fusion": {"numpy", "scipy", "compass", "fusion", "filterpy"},
-    "fusion/state": {"numpy", "scipy", "compass", "fusion", "filterpy"},
-    "fusion/updates": {"numpy", "scipy", "compass", "fusion", "filterpy"},
-    "fusion/buffer": {"numpy", "scipy", "compass", "fusion", "filterpy"},
+    "fusion": {"numpy", "scipy", "compass", "fusion"},
+    "fusion/state": {"numpy", "scipy", "compass", "fusion"},
+    "fusion/updates": {"numpy", "scipy", "compass", "fusion"},
+    "fusion/buffer": {"numpy", "scipy", "compass", "fusion"},
     "fusion/checks": {"numpy", "scipy", "compass", "fusion"},
     "fusion/imu": {"numpy", "compass", "fusion"},
     "fusion/simulation": NUMERICS | {"compass", "fusion", "platformdirs"},
@@ -114,10 +114,9 @@ def test_imports_unknown_name_is_an_attribute_error():
 
 @pytest.mark.parametrize("node", ["fusion_node", "compass_node"])
 def test_imports_of_a_node_are_what_it_uses(node):
-    """On the robot: no bags, no plots, no command line; the raw compass alone needs no filter either."""
+    """On the robot: no bags, no plots, no command line."""
     pytest.importorskip("rclpy", reason="rclpy is not installed: pip install '.[ros]'")
     hidden = ["rosbags", "matplotlib", "click", "rich", "platformdirs", "fusion.offline", "fusion.simulation"]
-    hidden += ["filterpy"] if node == "compass_node" else []
     code = f"import sys\nfor name in {hidden!r}:\n    sys.modules[name] = None\nimport nodes.{node}\n"
     result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert result.returncode == 0, result.stderr

@@ -29,7 +29,6 @@ KEYS = {
     "click": "python3-click",
     "rich": "python3-rich",
     "matplotlib": "python3-matplotlib",
-    "filterpy": "python3-filterpy-pip",
     "rosbags": "python3-rosbags-pip",
     "tf2_ros": "tf2_ros_py",
 }
@@ -65,9 +64,9 @@ def test_manifest_names_every_import_of_the_package():
 
 
 def test_manifest_s_keys_of_the_nodes_are_all_that_the_nodes_import():
-    """Without those of bags (see `test_imports_of_a_node_are_what_it_uses`), and only filterpy is from pip."""
+    """Without those of bags (see `test_imports_of_a_node_are_what_it_uses`), and none is from pip."""
     always = {element.text for element in manifest().iter("exec_depend") if element.get("condition") is None}
-    assert {key for key in always if key.endswith("-pip")} == {"python3-filterpy-pip"}
+    assert not {key for key in always if key.endswith("-pip")}
     assert not always & {KEYS[name] for name in ("rosbags", "click", "rich", "matplotlib", "platformdirs")}
 
 

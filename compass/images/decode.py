@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import cv2
@@ -9,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from compass.errors import ImageError
+from compass.images.jpeg import BEGIN, JpegHeader, upper_rows
 
 Image = npt.NDArray[Any]
 
@@ -23,13 +25,13 @@ _LUMA_CHANNEL = {"yuv422": 1, "uyvy": 1, "yuv422_yuy2": 0, "yuyv": 0}
 # each: what says to be larger is a fault or a trap (1 MB of PNG may hold a gigapixel), and is not decoded.
 MOST_PIXELS = 100_000_000
 _PNG = b"\x89PNG\r\n\x1a\n"
-_JPEG = b"\xff\xd8"
+_BLOCK = 16  # pixels; the largest that a JPEG codes as one
 # as people and drivers call video codecs in `CompressedImage.format`
 _VIDEO = ("h264", "h.264", "x264", "avc", "h265", "h.265", "x265", "hevc", "av1", "vp8", "vp9", "mpeg4", "theora")
 _REDUCED = {2: cv2.IMREAD_REDUCED_GRAYSCALE_2, 4: cv2.IMREAD_REDUCED_GRAYSCALE_4, 8: cv2.IMREAD_REDUCED_GRAYSCALE_8}
 
 
-def image_from_compressed(data: Any, columns: int = 0, named: str = "") -> Image:
+def image_from_compressed(data: Any, columns: int = 0, named: str = "", bottom: float = 1.0) -> Image:
     """Decode a JPEG or PNG to grey, reduced by 2, 4 or 8 while it stays at least `columns` wide.
 
     Parameters
@@ -40,6 +42,8 @@ def image_from_compressed(data: Any, columns: int = 0, named: str = "") -> Image
         Width that is wanted; 0 decodes at full size. A JPEG decoded at reduced size costs a fraction of the time.
     named : str
         What the message calls its format, for the words of an error; the bytes decide.
+    bottom : float
+        Share of the height, from the top, that is wanted; of most JPEGs what lies below is not decoded, but black.
 
     Returns
     -------
@@ -51,59 +55,49 @@ def image_from_compressed(data: Any, columns: int = 0, named: str = "") -> Image
         The bytes are no JPEG or PNG that OpenCV can decode, or one of more than `MOST_PIXELS`.
     """
     buffer = np.frombuffer(data, np.uint8)
-    width, height = _size(buffer, named)
+    jpeg, (width, height) = None, (0, 0)
+    if buffer[:2].tobytes() == BEGIN:
+        jpeg = JpegHeader.of(buffer)
+        width, height = jpeg.width, jpeg.height
+    else:
+        width, height = _png_size(buffer, named)
+    if not width or not height:
+        raise ImageError(f"compressed image of {buffer.size} bytes is corrupt: its header gives no size")
     if width * height > MOST_PIXELS:
         raise ImageError(
             f"picture of {width} x {height} pixels is not decoded: more than {MOST_PIXELS // 1_000_000} megapixels; "
             "no panorama is that large, send a smaller one"
         )
-    flag = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH
-    if columns and buffer[0] == _JPEG[0]:
+    flag, by = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH, 1
+    if jpeg and columns:
         for factor, reduced in _REDUCED.items():
             if width >= factor * columns:
-                flag = reduced
+                flag, by = reduced, factor
+    upper = upper_rows(buffer, jpeg, _rows(height, bottom)) if jpeg else None
     try:
-        image = cv2.imdecode(buffer, flag)
+        image = cv2.imdecode(buffer if upper is None else upper, flag)
     except cv2.error:
         image = None
     if image is None:
         raise ImageError(f"compressed image of {buffer.size} bytes is corrupt")
+    if upper is not None:
+        whole = np.zeros((-(-height // by), image.shape[1]), image.dtype)
+        whole[: len(image)] = image
+        return whole
     return image
 
 
-def _size(buffer: npt.NDArray[np.uint8], named: str) -> tuple[int, int]:
-    """Width and height from the header of a JPEG or PNG; `ImageError` where there is none."""
+def _rows(height: int, share: float) -> int:
+    """Rows of a JPEG that hold this share of its height at any size: whole blocks, and one more."""
+    return (math.ceil(share * height / _BLOCK) + 1) * _BLOCK
+
+
+def _png_size(buffer: npt.NDArray[np.uint8], named: str) -> tuple[int, int]:
+    """Width and height from the header of a PNG; `ImageError` where it is none."""
     begin = buffer[:32].tobytes()
-    size = (0, 0)
-    if begin.startswith(_PNG):
-        size = int.from_bytes(begin[16:20], "big"), int.from_bytes(begin[20:24], "big")
-    elif begin.startswith(_JPEG):
-        # the header is nearly always among the first bytes; colour profiles and previews may come before it
-        size = _jpeg_size(buffer[:65536].tobytes())
-        if not size[0] and buffer.size > 65536:
-            size = _jpeg_size(buffer.tobytes())
-    else:
+    if not begin.startswith(_PNG):
         raise ImageError(_no_picture(buffer, begin, named))
-    if not all(size):
-        raise ImageError(f"compressed image of {buffer.size} bytes is corrupt: its header gives no size")
-    return size
-
-
-def _jpeg_size(data: bytes) -> tuple[int, int]:
-    """Width and height from a JPEG's frame header, found as libjpeg finds it; zeros where there is none."""
-    at = 2
-    while (at := data.find(b"\xff", at)) >= 0:
-        while data[at : at + 1] == b"\xff":  # any number of them may fill the space before a marker
-            at += 1
-        marker = data[at] if at < len(data) else 0xDA
-        if marker == 0xDA:  # pixels begin
-            break
-        if 0xC0 <= marker <= 0xCF and marker not in (0xC4, 0xC8, 0xCC):
-            height, width = data[at + 4 : at + 6], data[at + 6 : at + 8]
-            return int.from_bytes(width, "big"), int.from_bytes(height, "big")
-        alone = marker in (0x00, 0x01) or 0xD0 <= marker <= 0xD8  # these have no length
-        at += 1 if alone else 1 + max(int.from_bytes(data[at + 1 : at + 3], "big"), 2)
-    return 0, 0
+    return int.from_bytes(begin[16:20], "big"), int.from_bytes(begin[20:24], "big")
 
 
 def _no_picture(buffer: npt.NDArray[np.uint8], begin: bytes, named: str) -> str:

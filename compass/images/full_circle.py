@@ -181,7 +181,10 @@ def _likeness_of_halves(strip: Strip) -> float:
 
 
 def _two_discs(image: Image, encoding: str) -> bool:
-    """Whether the corners that two round pictures leave are black, and they themselves are not."""
+    """Whether the corners that two round pictures leave are black, and they themselves are not.
+
+    A row that is all black is none of theirs: it was not decoded.
+    """
     height, width = image.shape[:2]
     rows = to_grey(image[[int(share * height) for share in CORNER_ROWS]], encoding).astype(np.float32)
     if image.dtype == np.uint16:
@@ -189,4 +192,6 @@ def _two_discs(image: Image, encoding: str) -> bool:
     from_middle = np.abs((np.arange(width) + 0.5) / width * 2.0 % 1.0 - 0.5)  # of a disc, in its widths
     chord = np.array([math.sqrt(max(share - share**2, 0.0)) for share in CORNER_ROWS])[:, None]
     corner, disc = from_middle > 1.1 * chord, from_middle < 0.8 * chord
-    return bool(rows[corner].mean() < DARK and rows[disc].mean() > 3.0 * DARK)
+    shown = rows.any(axis=1, keepdims=True)
+    corner, disc = corner & shown, disc & shown
+    return bool(shown.any() and rows[corner].mean() < DARK and rows[disc].mean() > 3.0 * DARK)

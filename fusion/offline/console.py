@@ -13,6 +13,7 @@ from fusion.offline.streams import Progress
 log = logging.getLogger(__name__)
 
 LINE_EVERY_S = 60.0  # where there is no terminal
+REFRESH_S = 0.1  # of a bar, at most so often
 
 
 @contextmanager
@@ -31,9 +32,18 @@ def progress_bar(title: str) -> Iterator[Progress]:
     from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
 
     columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task(title, total=1.0)
-        yield lambda part: bar.update(task, completed=part)
+    # without a thread of its own, which would leave no room for a fork (`compass_process`)
+    with Progress(*columns, console=Console(stderr=True), transient=True, auto_refresh=False) as bar:
+        task, due = bar.add_task(title, total=1.0), 0.0
+
+        def show(part: float) -> None:
+            nonlocal due
+            now = time.monotonic()
+            if now >= due or part >= 1.0:
+                bar.update(task, completed=part, refresh=True)
+                due = now + REFRESH_S
+
+        yield show
 
 
 class MinuteLines:

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from compass.errors import ArgumentError
+from compass.images.strip import rows_used
 from fusion.offline.atomic_output import staged_folder
 from fusion.offline.bag import BagError
 from fusion.offline.console import progress_bar
@@ -19,6 +20,7 @@ from fusion.offline.earlier_results import OPTIONAL, check_place, settings_hash
 from fusion.offline.image_files import SensorFiles
 from fusion.offline.open_recording import Read, open_recording
 from fusion.offline.plot import plot_run
+from fusion.offline.recording import BagRecording
 from fusion.offline.report.page import FILE as REPORT
 from fusion.offline.report.page import check_bokeh, write_report
 from fusion.offline.report.thumbnails import Thumbnails
@@ -139,6 +141,8 @@ def fuse_opened(path: Path, read: Read, used: Settings, source: Source, look: Lo
     """
     with _shown("reading samples", look.progress, 0.0, 0.1) as part:
         recording = cropped(read(part), used.offline)
+    if look.pictures is None and isinstance(recording, BagRecording):
+        recording.bottom = rows_used(used.compass)
     watched = Thumbnails(recording)
     with _shown("fusing", look.progress, 0.1, 1.0) as part:
         run = fuse_recording(recording if look.pictures is None else watched, used, part)

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import chain, islice
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -39,6 +39,14 @@ MOST_FOREIGN = 3000  # images of another time that are looked through for one of
 HOPELESS = 300  # images, none of them usable, that are tried: ten seconds of what a camera sends before it sees
 
 
+class Findings(NamedTuple):
+    """What turns up while frames are read, see `BagRecording`."""
+
+    dropped: Counter[str]
+    found: list[Warning]
+    faults: list[str]
+
+
 @dataclass(slots=True)
 class BagRecording:
     """A bag as a `Recording`.
@@ -51,6 +59,8 @@ class BagRecording:
         The topics it came from.
     columns : int
         Width the compass works at; frames are decoded no larger than it needs.
+    bottom : float
+        Share of the frames' height, from the top, that is looked at; the rest may be left black.
     gyro, odometry, truth
         As read; empty tracks where there is no topic.
     vertical : str
@@ -81,6 +91,7 @@ class BagRecording:
     vertical_words: str = ""
     witnesses: Sequence[Recorded] = ()
     within: Span | None = None
+    bottom: float = 1.0
     window: Span | None = None
 
     @property
@@ -95,6 +106,20 @@ class BagRecording:
             told += [f"{count} unusable: {reason}" for reason, count in dropped.items()]
         lost = [Warning("samples_lost", "recording", since_ns, "; ".join(told))] if told else []
         return most_serious_first([*self.found, *lost])
+
+    @property
+    def is_separable(self) -> bool:
+        """Its frames may be read in a fork."""
+        return True
+
+    @property
+    def findings(self) -> Findings:
+        """What reading its frames has found so far, for whoever reads them in another process."""
+        return Findings(self.dropped, self.found, self.bag.faults)
+
+    def take_findings(self, findings: Findings) -> None:
+        """As if its frames had been read here."""
+        self.dropped, self.found, self.bag.faults = findings
 
     @property
     def path(self) -> Path:
@@ -193,7 +218,7 @@ class BagRecording:
         if t_ns <= 0:
             return None, "header.stamp is zero or negative"
         try:
-            image, encoding = image_of(message, self.columns)
+            image, encoding = image_of(message, self.columns, self.bottom)
         except ImageError as error:
             return None, str(error)
         return Frame(t_ns, image, encoding), ""

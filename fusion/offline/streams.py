@@ -6,7 +6,7 @@ import math
 from array import array
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
@@ -54,12 +54,11 @@ class GyroTrack:
 
     def up_at(self, t_ns: int) -> Vector | None:
         """The vertical in the robot's frame at a stamp, ns, as `TiltLog` knows it then."""
-        before = int(np.searchsorted(self.t_ns, t_ns - SETTLED_NS, side="right")) - 1
-        if before < 0 or int(self.t_ns[before]) < t_ns - SETTLED_NS - NEAR_NS:
-            return None
-        x, y, z = self.up[before].tolist()
-        seconds = (t_ns - int(self.t_ns[before])) * 1e-9
-        return None if math.isnan(x) else up_later((x, y, z), float(self.yaw_rate[before]), seconds)
+        latest_ns = t_ns - SETTLED_NS
+        first, after = (int(i) for i in np.searchsorted(self.t_ns, (latest_ns - NEAR_NS, latest_ns + 1)))
+        columns = (column[first:after].tolist() for column in (self.t_ns, self.up, self.yaw_rate))
+        found = max((sample for sample in zip(*columns, strict=True) if not math.isnan(sample[1][0])), default=None)
+        return found and up_later(tuple(found[1]), found[2], (t_ns - found[0]) * 1e-9)
 
     def samples(self) -> Iterator[GyroSample]:
         """One by one, for the filter."""
@@ -137,6 +136,22 @@ class Recording(Protocol):
 
     def frames(self) -> Iterable[Frame]:
         """The panoramas in the order of their stamps; every call starts anew."""
+
+
+@runtime_checkable
+class SeparableRecording(Recording, Protocol):
+    """A recording whose frames may be read in a fork of this process, which sends back what it found."""
+
+    @property
+    def is_separable(self) -> bool:
+        """Whether that holds of what it is made of, too."""
+
+    @property
+    def findings(self) -> Any:
+        """What reading its frames has found so far."""
+
+    def take_findings(self, findings: Any) -> None:
+        """As if its frames had been read here."""
 
 
 def unwrap(yaw: Floats) -> Floats:

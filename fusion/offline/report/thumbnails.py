@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import json
 from collections.abc import Iterable, Iterator
+from typing import Any
 
 import cv2
 import numpy as np
@@ -12,7 +13,7 @@ import numpy as np
 from compass.errors import ImageError
 from compass.images.decode import to_grey
 from fusion.checks.warnings import Warning
-from fusion.offline.streams import Frame, GyroTrack, OdometryTrack, Recording, TruthTrack
+from fusion.offline.streams import Frame, GyroTrack, OdometryTrack, Recording, SeparableRecording, TruthTrack
 
 MOST = 240  # pictures of a run; one each 0.4 % of the page's width
 WIDTH = 320  # px
@@ -59,6 +60,22 @@ class Thumbnails:
     def warnings(self) -> Iterable[Warning]:
         """What was found to be wrong with it."""
         return self._recording.warnings
+
+    @property
+    def is_separable(self) -> bool:
+        """Whether the frames of what is wrapped may be read in a fork."""
+        return isinstance(self._recording, SeparableRecording) and self._recording.is_separable
+
+    @property
+    def findings(self) -> tuple[Any, list[tuple[int, bytes]]]:
+        """What reading the frames has found, and the pictures, for whoever reads them in another process."""
+        return getattr(self._recording, "findings", None), self.pictures
+
+    def take_findings(self, findings: tuple[Any, list[tuple[int, bytes]]]) -> None:
+        """As if the frames had been read here."""
+        found, self.pictures = findings
+        if isinstance(self._recording, SeparableRecording):
+            self._recording.take_findings(found)
 
     def frames(self) -> Iterator[Frame]:
         """The panoramas, unchanged."""
