@@ -26,14 +26,14 @@ class TurnCount:
     variance: float = 0.0
     since_ns: int | None = None
 
-    def after(self, t_ns: int, innovation: float, S: float, seconds: float) -> TurnCount:
+    def after(self, t_ns: int, innovation: float, S: float, paused: float) -> TurnCount:
         """After an increment of which the nearest turn was taken: `innovation`, rad, of the variance `S`, rad^2.
 
         Others, whole turns away, have the likelihoods of their innovations, if those are within 3 sigma and the robot
-        could turn round in the `seconds` since the heading was known.
+        could turn round while no sensor spoke, for `paused` seconds: else somebody has counted.
         """
         farthest = 3.0 * math.sqrt(S)
-        if farthest < math.pi or FASTEST_ROBOT * seconds < math.tau:
+        if farthest < math.pi or FASTEST_ROBOT * paused < math.tau:
             return self
         most = math.floor((farthest + math.pi) / math.tau)
         turns = [math.tau * count for count in range(-most, most + 1) if count]

@@ -68,6 +68,8 @@ class FilterState:
         What the gyro said lately.
     bias_gain : BiasGain
         Tilt of the robot, as far as it matters to the gyro's bias.
+    pause : tuple of int
+        Beginning and end, ns, of the last time in which no sensor spoke.
     turn_count : TurnCount
         What is not known of the number of full turns.
     aided_yaw : float
@@ -101,6 +103,7 @@ class FilterState:
     warnings: tuple[Warning, ...] = ()
     trail: GyroTrail = field(default_factory=GyroTrail)
     bias_gain: BiasGain = field(default_factory=BiasGain)
+    pause: tuple[int, int] = (0, 0)
     turn_count: TurnCount = field(default_factory=TurnCount)
     aided_yaw: float = 0.0
     yaw_lead: float = 0.0
@@ -210,6 +213,11 @@ class FilterState:
         spoke = sensor is Sensor.GYRO or self.odometry_fields.pose or self.odometry_fields.twist
         lately = turn is not None and (self.t_ns or 0) - turn.t_ns <= RATE_SILENT_NS
         return lately and spoke and not self.isolation.excludes(sensor)
+
+    def paused_since(self, t_ns: int) -> float:
+        """How long, s, no sensor has spoken at a stretch since a time, ns."""
+        start_ns, end_ns = self.pause
+        return (end_ns - start_ns) * 1e-9 if end_ns > t_ns else 0.0
 
     def hears(self, sensor: Sensor) -> bool:
         """Whether a sensor has measured the turning lately."""

@@ -86,8 +86,8 @@ class CompassUpdate:
         verdict = self._gating.judge(state, Sensor.COMPASS, measurement, S) if known and not moved else None
         if verdict is Verdict.ACCEPTED:
             since_ns = before.gates[Sensor.COMPASS].accepted_ns
-            seconds = (event.t_ns - (event.sample.t_ref_ns if since_ns is None else since_ns)) * 1e-9
-            state.turn_count = state.turn_count.after(event.t_ns, measurement.innovation, S, seconds)
+            paused = state.paused_since(event.sample.t_ref_ns if since_ns is None else since_ns)
+            state.turn_count = state.turn_count.after(event.t_ns, measurement.innovation, S, paused)
         if known and not state.isolation.exclusions and not increment.long_baseline and not moved:
             state.jitter = state.jitter.after(measurement.innovation, others, rate)
         if verdict is None or excluded:
