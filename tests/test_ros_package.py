@@ -29,6 +29,7 @@ KEYS = {
     "click": "python3-click",
     "rich": "python3-rich",
     "matplotlib": "python3-matplotlib",
+    "filterpy": "python3-filterpy-pip",
     "rosbags": "python3-rosbags-pip",
     "tf2_ros": "tf2_ros_py",
 }

@@ -12,6 +12,7 @@ from enum import IntEnum
 
 import numpy as np
 import numpy.typing as npt
+from filterpy.kalman import ExtendedKalmanFilter
 
 from compass import wrap_angle
 from fusion.buffer.events import NONSENSE_RATE
@@ -112,7 +113,7 @@ class Correction:
     K: Array
 
 
-class YawEkf:
+class YawEkf(ExtendedKalmanFilter):
     """Yaw, turn rate, gyro bias, track scale and past yaws, estimated together.
 
     A past yaw (a *clone*) is a copy of the yaw state at the time of a compass reference, its correlation with all other
@@ -130,6 +131,7 @@ class YawEkf:
     slip_speed: float  # that of `track_slip_speed` and `track_noise`
 
     def __init__(self, config: FusionConfig) -> None:
+        super().__init__(dim_x=DIM, dim_z=1)  # type: ignore[no-untyped-call]
         self.config = config
         self.x = np.zeros(DIM)
         self.x[YAWS] = config.initial_yaw
@@ -160,12 +162,12 @@ class YawEkf:
 
     def predict_for(self, dt: float, *, still: bool = False, watched: bool = False) -> None:
         """Move the state on by `dt` seconds; `still`: without any change of the turn rate; `watched`: by a gyro."""
-        F, Q = self.transition(min(dt, LONGEST_STEP), still=still, watched=watched)
-        limit_turn(F, Q, self.P, State.YAW)
-        self.x = F @ self.x
-        self.P = symmetric(F @ self.P @ F.T + Q)
+        self.F, self.Q = self.transition(min(dt, LONGEST_STEP), still=still, watched=watched)
+        limit_turn(self.F, self.Q, self.P, State.YAW)
+        self.predict()  # type: ignore[no-untyped-call]
+        self.P = symmetric(self.P)
         if self.tape is not None:
-            self.tape.append(Transition(F))
+            self.tape.append(Transition(self.F))
         forgetting = forget_beyond(self.P, State.YAW, YAWS)
         if forgetting is not None:
             x = self.x
