@@ -173,8 +173,8 @@ class CompassStream:
                     self._serve(one)
         finally:
             if self._done is not None:
-                done = self._done
-                self._after(lambda: done.publish(Header()))
+                done, header = self._done, Header() if isinstance(item, tuple) else item.header
+                self._after(lambda: done.publish(header))
 
     def _picture_of(self, message: ImageMessage) -> Picture:
         return Picture(stamp_to_ns(message.header.stamp), *image_of(message, self._compass.config.decoded_columns))

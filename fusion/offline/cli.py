@@ -21,8 +21,8 @@ from fusion.offline.verbosity import QuietGroup, say
 if TYPE_CHECKING:
     from fusion.offline.image_files import SensorFiles
 
-# Our matrices and strips are small: more threads of BLAS and OpenCV than one only wait for each other, and a pool of
-# them does not survive a fork (`compass_process`). Before numpy and cv2 are imported, and inherited.
+# Our matrices and strips are small: more threads of BLAS and OpenCV than one only wait for each other. Before numpy and
+# cv2 are imported, and inherited.
 for variable in ("OPENBLAS_NUM_THREADS", "OPENCV_FOR_THREADS_NUM"):
     os.environ.setdefault(variable, "1")
 

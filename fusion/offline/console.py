@@ -32,7 +32,7 @@ def progress_bar(title: str) -> Iterator[Progress]:
     from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
 
     columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
-    # without a thread of its own, which would leave no room for a fork (`compass_process`)
+    # without a thread of its own, which takes its turns from the work
     with Progress(*columns, console=Console(stderr=True), transient=True, auto_refresh=False) as bar:
         task, due = bar.add_task(title, total=1.0), 0.0
 

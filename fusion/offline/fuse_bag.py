@@ -48,10 +48,11 @@ class Fused:
 
 @dataclass(slots=True)
 class Look:
-    """What a run is watched for: pictures of it, progress (0..1) where somebody asks."""
+    """What a run is watched for: pictures of it, `whole` ones or what the compass sees; progress (0..1), if asked."""
 
     pictures: list[Thumbnails] | None = None
     progress: Progress | None = None
+    whole: bool = False
 
 
 def fuse_bag(
@@ -113,7 +114,7 @@ def fuse_bag(
     used = settings_as_used(settings, request, smooth=smooth)
     source = source_of(path, known_as)
     inputs = (path, *inputs, *sensors.paths, *([Path(settings.compass.mask)] if settings.compass.mask else []))
-    look = Look([], progress)
+    look = Look([], progress, whole=report or rerun)
 
     def check() -> None:
         check_place(out, source, force=force, inputs=inputs)
@@ -141,9 +142,10 @@ def fuse_opened(path: Path, read: Read, used: Settings, source: Source, look: Lo
     """
     with _shown("reading samples", look.progress, 0.0, 0.1) as part:
         recording = cropped(read(part), used.offline)
-    if look.pictures is None and isinstance(recording, BagRecording):
-        recording.bottom = rows_used(used.compass)
-    watched = Thumbnails(recording)
+    bottom = 1.0
+    if isinstance(recording, BagRecording) and not look.whole:
+        bottom = recording.bottom = rows_used(used.compass)
+    watched = Thumbnails(recording, bottom)
     with _shown("fusing", look.progress, 0.1, 1.0) as part:
         run = fuse_recording(recording if look.pictures is None else watched, used, part)
     if look.pictures is not None:

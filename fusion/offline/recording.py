@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import chain, islice
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -37,14 +37,6 @@ ELSEWHERE = "image: its stamp is from another time"
 CLOCK_SET = "image: its clock was set in mid drive"
 MOST_FOREIGN = 3000  # images of another time that are looked through for one of the others' time
 HOPELESS = 300  # images, none of them usable, that are tried: ten seconds of what a camera sends before it sees
-
-
-class Findings(NamedTuple):
-    """What turns up while frames are read, see `BagRecording`."""
-
-    dropped: Counter[str]
-    found: list[Warning]
-    faults: list[str]
 
 
 @dataclass(slots=True)
@@ -106,20 +98,6 @@ class BagRecording:
             told += [f"{count} unusable: {reason}" for reason, count in dropped.items()]
         lost = [Warning("samples_lost", "recording", since_ns, "; ".join(told))] if told else []
         return most_serious_first([*self.found, *lost])
-
-    @property
-    def is_separable(self) -> bool:
-        """Its frames may be read in a fork."""
-        return True
-
-    @property
-    def findings(self) -> Findings:
-        """What reading its frames has found so far, for whoever reads them in another process."""
-        return Findings(self.dropped, self.found, self.bag.faults)
-
-    def take_findings(self, findings: Findings) -> None:
-        """As if its frames had been read here."""
-        self.dropped, self.found, self.bag.faults = findings
 
     @property
     def path(self) -> Path:

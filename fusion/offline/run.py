@@ -3,27 +3,57 @@
 from __future__ import annotations
 
 import heapq
+import math
 from collections import Counter
-from collections.abc import Iterable, Iterator
-from contextlib import closing
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from operator import attrgetter
 
 import numpy as np
 import numpy.typing as npt
 
-from compass import CompassStatus
+from compass import CompassStatus, YawIncrement
 from fusion import GyroSample, OdometrySample, Warning, YawEstimate, YawPipeline, smooth
 from fusion.buffer.events import Sample, Sensor
 from fusion.checks.gate import SensorReport
-from fusion.offline.compass_process import measure_beside
-from fusion.offline.image_results import CompassReading, ImageResult
-from fusion.offline.streams import GyroTrack, OdometryTrack, Progress, Recording, TruthTrack
+from fusion.compass_rate import CompassRate
+from fusion.offline.streams import Frame, GyroTrack, OdometryTrack, Progress, Recording, TruthTrack
 from fusion.offline.warning_history import Warned, WarningHistory
 from fusion.settings import Settings
 
 LONGEST_SILENCE_NS = 100_000_000  # without images there is a row at least this often
 LONGEST_PREDICTION_NS = 10_000_000_000  # at `initial_rate_sigma` the yaw is known to no better than 5 rad by then
+
+
+@dataclass(frozen=True, slots=True)
+class CompassReading:
+    """The raw compass at one image.
+
+    Attributes
+    ----------
+    status : CompassStatus
+        Outcome of the update.
+    increment : YawIncrement or None
+        What it gave.
+    yaw, sigma : float
+        Accumulated yaw and its standard deviation, rad; NaN where no increment was given.
+    rate, rate_variance : float
+        Mean turn rate since the image before, rad/s, and its variance; NaN where no increment was given.
+    long_baseline : YawIncrement or None
+        The turn from a view some seconds ago, where it was due.
+    """
+
+    status: CompassStatus
+    increment: YawIncrement | None = None
+    yaw: float = math.nan
+    sigma: float = math.nan
+    rate: float = math.nan
+    rate_variance: float = math.nan
+    long_baseline: YawIncrement | None = None
+
+    def increments(self) -> Iterator[YawIncrement]:
+        """All that the filter was given."""
+        return (one for one in (self.increment, self.long_baseline) if one)
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,15 +122,15 @@ class FusedRun:
 
 def fuse_recording(recording: Recording, settings: Settings, progress: Progress = lambda part: None) -> FusedRun:
     """Run a recording through compass and filter, every sample at its stamp."""
-    run = _Run(settings, recording)
+    run = _Run(settings)
+    run.pipeline.warning_sources.append(lambda: recording.warnings)
     total = recording.gyro.t_ns.size + recording.odometry.t_ns.size + recording.frame_count
-    with closing(measure_beside(recording, settings)) as images:
-        for count, event in enumerate(_events(recording, images)):
-            run.take(event)
-            progress(count / total)
+    for count, event in enumerate(_events(recording)):
+        run.take(event)
+        progress(count / total)
     warnings = run.close()
     progress(1.0)
-    counts = Counter(row.compass.status for row in run.rows if row.compass), run.pipeline.fusion.counts
+    counts = run.pipeline.compass.counts, run.pipeline.fusion.counts
     gates = run.reports()
     return FusedRun(run.rows, recording.gyro, recording.odometry, recording.truth, *counts, gates, warnings)
 
@@ -113,36 +143,31 @@ def smooth_run(run: FusedRun, settings: Settings) -> None:
     run.rows = [replace(row, smoothed=smoothed.get(row.t_ns)) for row in run.rows]
 
 
-Event = GyroSample | OdometrySample | ImageResult
+Event = GyroSample | OdometrySample | Frame
 
 
-def _events(recording: Recording, images: Iterator[ImageResult]) -> Iterator[Event]:
+def _events(recording: Recording) -> Iterator[Event]:
     """All samples by stamp; at equal stamps the image comes last and so sees all that is known of its time."""
-    streams = (recording.gyro.samples(), recording.odometry.samples(), images)
+    streams = (recording.gyro.samples(), recording.odometry.samples(), recording.frames())
     return heapq.merge(*streams, key=attrgetter("t_ns"))
 
 
 class _Run:
     """The pipeline with a notebook."""
 
-    def __init__(self, settings: Settings, recording: Recording) -> None:
+    def __init__(self, settings: Settings) -> None:
         self.pipeline = YawPipeline(settings.compass, settings.fusion)
-        self.pipeline.warning_sources += [lambda: self._image_warnings, lambda: self._recording_warnings]
         self.rows: list[Row] = []
-        self._recording = recording
-        self._image_warnings: Iterable[Warning] = ()
-        self._recording_warnings: Iterable[Warning] = recording.warnings
+        self._rate = CompassRate()
         self._reported: dict[Sensor, int] = {}
         self._last_ns: int | None = None
         self._history = WarningHistory()
 
     def take(self, event: Event) -> None:
         """Feed one event and note a row where one is due."""
-        if isinstance(event, ImageResult):
-            for increment in event.reading.increments():
-                self.pipeline.add(increment)
-            self._image_warnings, self._recording_warnings = event.image_warnings, event.recording_warnings
-            self._note(event.t_ns, event.reading)
+        if isinstance(event, Frame):
+            reading = self._look(event)
+            self._note(event.t_ns, reading)
         elif self.pipeline.add(event):
             self._last_ns = event.t_ns
             if not self.rows or event.t_ns - self.rows[-1].t_ns > LONGEST_SILENCE_NS:
@@ -151,7 +176,6 @@ class _Run:
     def close(self) -> list[Warned]:
         """Note the last samples; returns all that was wrong."""
         self.pipeline.flush()
-        self._recording_warnings = self._recording.warnings
         if self._last_ns is not None and self.rows and self._last_ns > self.rows[-1].t_ns:
             self._note(self._last_ns, None)
         return self._history.finish(self.pipeline.warnings())
@@ -159,6 +183,17 @@ class _Run:
     def reports(self) -> dict[Sensor, SensorReport]:
         """How the samples of each sensor that has given any fared at the gate so far."""
         return {sensor: report for sensor, report in self.pipeline.fusion.reports().items() if report}
+
+    def _look(self, frame: Frame) -> CompassReading:
+        increment = self.pipeline.add_image(frame.t_ns, frame.image, frame.encoding)
+        compass = self.pipeline.compass
+        if increment is None:
+            return CompassReading(compass.status)
+        rate, variance = self._rate.update(increment)
+        sigma = math.sqrt(compass.yaw_variance)
+        return CompassReading(
+            compass.status, increment, compass.yaw, sigma, rate, variance, self.pipeline.long_baseline
+        )
 
     def _note(self, t_ns: int, reading: CompassReading | None) -> None:
         reports = self.reports()

@@ -6,7 +6,7 @@ import math
 from array import array
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
-from typing import Any, Protocol, runtime_checkable
+from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -136,22 +136,6 @@ class Recording(Protocol):
 
     def frames(self) -> Iterable[Frame]:
         """The panoramas in the order of their stamps; every call starts anew."""
-
-
-@runtime_checkable
-class SeparableRecording(Recording, Protocol):
-    """A recording whose frames may be read in a fork of this process, which sends back what it found."""
-
-    @property
-    def is_separable(self) -> bool:
-        """Whether that holds of what it is made of, too."""
-
-    @property
-    def findings(self) -> Any:
-        """What reading its frames has found so far."""
-
-    def take_findings(self, findings: Any) -> None:
-        """As if its frames had been read here."""
 
 
 def unwrap(yaw: Floats) -> Floats:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import base64
 import json
 from collections.abc import Iterable, Iterator
-from typing import Any
 
 import cv2
 import numpy as np
@@ -13,7 +12,7 @@ import numpy as np
 from compass.errors import ImageError
 from compass.images.decode import to_grey
 from fusion.checks.warnings import Warning
-from fusion.offline.streams import Frame, GyroTrack, OdometryTrack, Recording, SeparableRecording, TruthTrack
+from fusion.offline.streams import Frame, GyroTrack, OdometryTrack, Recording, TruthTrack
 
 MOST = 240  # pictures of a run; one each 0.4 % of the page's width
 WIDTH = 320  # px
@@ -26,14 +25,21 @@ class Thumbnails:
     The number of panoramas need not be known well: whenever there are too many, every other one goes, and from then on
     only half as many are taken.
 
+    Parameters
+    ----------
+    recording : Recording
+        What is watched.
+    bottom : float
+        Share of the panoramas' height, from the top, that was decoded.
+
     Attributes
     ----------
     pictures : list of (int, bytes)
         Time, ns, and JPEG of each.
     """
 
-    def __init__(self, recording: Recording) -> None:
-        self._recording = recording
+    def __init__(self, recording: Recording, bottom: float = 1.0) -> None:
+        self._recording, self._bottom = recording, bottom
         self.pictures: list[tuple[int, bytes]] = []
 
     @property
@@ -61,28 +67,12 @@ class Thumbnails:
         """What was found to be wrong with it."""
         return self._recording.warnings
 
-    @property
-    def is_separable(self) -> bool:
-        """Whether the frames of what is wrapped may be read in a fork."""
-        return isinstance(self._recording, SeparableRecording) and self._recording.is_separable
-
-    @property
-    def findings(self) -> tuple[Any, list[tuple[int, bytes]]]:
-        """What reading the frames has found, and the pictures, for whoever reads them in another process."""
-        return getattr(self._recording, "findings", None), self.pictures
-
-    def take_findings(self, findings: tuple[Any, list[tuple[int, bytes]]]) -> None:
-        """As if the frames had been read here."""
-        found, self.pictures = findings
-        if isinstance(self._recording, SeparableRecording):
-            self._recording.take_findings(found)
-
     def frames(self) -> Iterator[Frame]:
         """The panoramas, unchanged."""
         self.pictures, every = [], -(-max(self.frame_count, 1) // MOST)
         for index, frame in enumerate(self._recording.frames()):
             if index % every == 0:
-                self.pictures.append((frame.t_ns, small_jpeg(frame)))
+                self.pictures.append((frame.t_ns, small_jpeg(frame, self._bottom)))
                 if len(self.pictures) > MOST:
                     self.pictures, every = self.pictures[::2], 2 * every
             yield frame
@@ -97,15 +87,16 @@ class Thumbnails:
         )
 
 
-def small_jpeg(frame: Frame) -> bytes:
-    """The panorama in grey, at most `WIDTH` wide; nothing where it is no picture."""
+def small_jpeg(frame: Frame, bottom: float = 1.0) -> bytes:
+    """The panorama in grey, at most `WIDTH` wide, down to a share of its height; nothing where it is no picture."""
     try:
         grey = to_grey(frame.image, frame.encoding)
+        grey = grey[: max(round(bottom * len(grey)), 1)]
         height, width = grey.shape[:2]
         if width > WIDTH:
             grey = cv2.resize(grey, (WIDTH, max(1, height * WIDTH // width)), interpolation=cv2.INTER_AREA)
         if grey.dtype != np.uint8:
-            grey = (grey >> 8).astype(np.uint8)
+            grey = (grey // 256).astype(np.uint8)
         return bytes(cv2.imencode(".jpg", grey, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])[1])
     except (cv2.error, ImageError):
         return b""  # what the compass says of it is in its status
