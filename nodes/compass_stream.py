@@ -124,9 +124,10 @@ class CompassStream:
             self._rate = CompassRate()
 
     def close(self) -> None:
-        """End the threads."""
+        """End the threads, and let go of the subscription."""
         self._worker.close()
         self._back.close()
+        self.link.close()
 
     def finding(self) -> Finding:
         """What the diagnostics say of images and compass."""

@@ -217,6 +217,8 @@ class FusionNode(Node):
         """End the image thread, then the node."""
         if self._stream:
             self._stream.close()
+        for link in self._links.values():
+            link.close()
         super().destroy_node()
 
 

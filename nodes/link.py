@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections import deque
 from collections.abc import Callable, Iterable
+from contextlib import suppress
 from typing import Any
 
 from rclpy.event_handler import QoSSubscriptionEventType, SubscriptionEventCallbacks, UnsupportedEventTypeError
@@ -66,18 +67,11 @@ class Link:
         self._losses = ""
         self._log = ThrottledLog(lambda line: node.get_logger().warning(line))
         self._steps_back: deque[int] = deque([0, 0], maxlen=2)  # of the last two periods
-        self._event = lost_event(subscription)
+        self._lost = LostMessages(subscription)
 
-    def _lost_now(self) -> int:
-        """All messages of which the middleware says that they were sent and never arrived.
-
-        It is asked now and then: an event handler in the executor's wait set would wake that with every message.
-        """
-        if self._event is None:
-            return 0
-        with self._event:
-            status = self._event.take_event()
-        return self.lost if status is None else int(status.total_count)
+    def close(self) -> None:
+        """Let go of the subscription, which is about to be destroyed."""
+        self._lost.close()
 
     def see(self, number: int | None) -> None:
         """Note a message that arrived; `number` is its publisher's sequence number, None where there is none."""
@@ -87,7 +81,7 @@ class Link:
     def look(self) -> tuple[str, bool, dict[str, str]]:
         """What is wrong since the last look, in words (empty: nothing), whether that explains silence, and figures."""
         senders = self._node.get_publishers_info_by_topic(self._given)
-        self.lost = self._lost_now()
+        self.lost = self._lost.count()
         lost, overtaken, received = self._since_last(senders)
         figures = {
             "publishers": ", ".join(names(senders)) or "none",
@@ -164,15 +158,34 @@ class Link:
         return ""
 
 
-def lost_event(subscription: Subscription) -> Any:
-    """Handle of the middleware's count of lost messages, as `rclpy.event_handler` has it; None where it keeps none."""
-    try:
-        with subscription.handle:
-            return rclpy_implementation.EventHandle(
-                subscription.handle, QoSSubscriptionEventType.RCL_SUBSCRIPTION_MESSAGE_LOST
-            )
-    except UnsupportedEventTypeError:
-        return None
+class LostMessages:
+    """The middleware's count of the messages of a subscription that were sent and never arrived.
+
+    It is asked now and then: an event handler in the executor's wait set would wake that with every message. Its
+    handle, as `rclpy.event_handler` has it, must not outlive the subscription: `close` it before.
+    """
+
+    def __init__(self, subscription: Subscription) -> None:
+        self._event: Any = None
+        self._count = 0
+        with suppress(UnsupportedEventTypeError), subscription.handle:
+            kind = QoSSubscriptionEventType.RCL_SUBSCRIPTION_MESSAGE_LOST
+            self._event = rclpy_implementation.EventHandle(subscription.handle, kind)
+
+    def count(self) -> int:
+        """All so far; 0 where the middleware does not count."""
+        event = self._event
+        if event is not None:
+            with event:
+                status = event.take_event()
+            self._count = self._count if status is None else int(status.total_count)
+        return self._count
+
+    def close(self) -> None:
+        """Let go of the handle; the count stays."""
+        if self._event is not None:
+            self._event.destroy_when_not_in_use()
+            self._event = None
 
 
 def unserved(node: Node, topic: str, profile: QoSProfile) -> str:
