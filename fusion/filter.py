@@ -83,7 +83,8 @@ class YawFilter:
             state.stillness = Stillness(event.t_ns, reference_ns=event.t_ns)
         elif event.t_ns - before.t_ns > (WATCHED_NS if isinstance(event, ReferenceEvent) else RATE_SILENT_NS):
             state.stillness = state.stillness.moved(event.t_ns)  # nobody would have seen it start
-            state.pause = before.t_ns, event.t_ns
+        if before.t_ns is not None and event.t_ns - before.t_ns > RATE_SILENT_NS:
+            state.paused_ns = event.t_ns
         started = self._standstill.watch(state, event)
         self._predict(state, event.t_ns, still=state.stillness.standing)
         if started and before.t_ns is not None:

@@ -234,8 +234,8 @@ class YawFusion:
 
     def warnings(self) -> list[Warning]:
         """What is wrong at present, most serious first: what `estimate` says of it, in a tenth of the time."""
-        state, stamps = self._timeline.state, self.stamp_warnings()
-        return most_serious_first((*(state.warnings if state.t_ns is not None else ()), *stamps))
+        state = self._timeline.state
+        return most_serious_first((*state.all_warnings, *self.stamp_warnings()))
 
     def stamp_warnings(self) -> list[Warning]:
         """What is wrong with clocks and stamps, and who is missing; known before there is an estimate."""

@@ -86,7 +86,7 @@ def turn_rate(t: Any) -> Any:
 
 _GRID = np.arange(-1.0, SECONDS + 1.0, 1e-3)
 _YAW = np.concatenate([[0.0], np.cumsum(0.5 * (turn_rate(_GRID[1:]) + turn_rate(_GRID[:-1])) * 1e-3)])
-TURNED_DEG = math.degrees(float(_YAW[-1]))  # -87.6
+TURNED_DEG = math.degrees(float(_YAW[-1]))  # -82.5
 
 
 def yaw(t: Any) -> Any:

@@ -160,7 +160,7 @@ SITUATIONS = {
     "IMU half a second late": Situation(
         imu_clock(lambda t: t + 0.5), sigma=5.0, codes=("sensors_disagree_time", "clock_mismatch")
     ),
-    "all clocks set ahead by 3 s in mid turn": Situation(clocks_ahead(3.0)),
+    "all clocks set ahead by 3 s in mid turn": Situation(clocks_ahead(3.0), codes=("turn_lost",)),
     "all clocks set ahead by 3 s in mid turn, no camera": Situation(
         clocks_ahead(3.0), NO_IMAGE, codes=("turn_lost",)
     ),

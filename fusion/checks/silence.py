@@ -13,7 +13,8 @@ from fusion.checks.warnings import Warning
 # A sensor not heard for so long is silent: twice what a link may hold a sample back; a slow camera gives an image a
 # second.
 SILENT_NS = 1_000_000_000
-RATE_SILENT_NS = 500_000_000  # of gyro or tracks: their turn since then is unknown; not derived
+# Of gyro or tracks: their turn since then is unknown. Of all: a robot of two turns a second may have turned round.
+RATE_SILENT_NS = 500_000_000
 PERIODS = 3  # of the sensor; one of 1 Hz is not silent after a second
 PERIOD_GAPS = 20  # gaps that a sensor's period is the median of; not derived
 FEWEST_GAPS = 5  # of them before it is known

@@ -6,7 +6,6 @@ import math
 from dataclasses import dataclass
 
 from fusion.checks.warnings import Warning
-from fusion.checks.windows import FASTEST_ROBOT
 
 NOTICED = math.radians(10.0)  # a sigma that nobody who counts turns would overlook; a chance of 1 in 1,300
 
@@ -26,15 +25,13 @@ class TurnCount:
     variance: float = 0.0
     since_ns: int | None = None
 
-    def after(self, t_ns: int, innovation: float, S: float, paused: float) -> TurnCount:
+    def after(self, t_ns: int, innovation: float, S: float) -> TurnCount:
         """After an increment of which the nearest turn was taken: `innovation`, rad, of the variance `S`, rad^2.
 
-        Others, whole turns away, have the likelihoods of their innovations, if those are within 3 sigma and the robot
-        could turn round while no sensor spoke, for `paused` seconds: else somebody has counted.
+        To be asked where no sensor spoke for so long that the robot could turn round; else somebody has counted. Other
+        turns have the likelihoods of their innovations, those within 3 sigma.
         """
         farthest = 3.0 * math.sqrt(S)
-        if farthest < math.pi or FASTEST_ROBOT * paused < math.tau:
-            return self
         most = math.floor((farthest + math.pi) / math.tau)
         turns = [math.tau * count for count in range(-most, most + 1) if count]
         turns = [turn for turn in turns if abs(innovation + turn) <= farthest]

@@ -68,8 +68,8 @@ class FilterState:
         What the gyro said lately.
     bias_gain : BiasGain
         Tilt of the robot, as far as it matters to the gyro's bias.
-    pause : tuple of int
-        Beginning and end, ns, of the last time in which no sensor spoke.
+    paused_ns : int
+        End of the last pause of all sensors that was long enough to turn round in, ns.
     turn_count : TurnCount
         What is not known of the number of full turns.
     aided_yaw : float
@@ -103,7 +103,7 @@ class FilterState:
     warnings: tuple[Warning, ...] = ()
     trail: GyroTrail = field(default_factory=GyroTrail)
     bias_gain: BiasGain = field(default_factory=BiasGain)
-    pause: tuple[int, int] = (0, 0)
+    paused_ns: int = 0
     turn_count: TurnCount = field(default_factory=TurnCount)
     aided_yaw: float = 0.0
     yaw_lead: float = 0.0
@@ -214,10 +214,10 @@ class FilterState:
         lately = turn is not None and (self.t_ns or 0) - turn.t_ns <= RATE_SILENT_NS
         return lately and spoke and not self.isolation.excludes(sensor)
 
-    def paused_since(self, t_ns: int) -> float:
-        """How long, s, no sensor has spoken at a stretch since a time, ns."""
-        start_ns, end_ns = self.pause
-        return (end_ns - start_ns) * 1e-9 if end_ns > t_ns else 0.0
+    @property
+    def all_warnings(self) -> tuple[Warning, ...]:
+        """What is wrong, the turns that nobody counted included, most serious first."""
+        return tuple(most_serious_first((*self.warnings, *self.turn_count.warnings())))
 
     def hears(self, sensor: Sensor) -> bool:
         """Whether a sensor has measured the turning lately."""
@@ -264,5 +264,5 @@ def estimate_of(state: FilterState) -> YawEstimate | None:
         camera_delay_variance=float(P[State.CAMERA_DELAY, State.CAMERA_DELAY]),
         standstill=standing,
         slip=state.gates[Sensor.TRACKS].rejecting_since_ns is not None,
-        warnings=tuple(most_serious_first((*state.warnings, *state.turn_count.warnings()))),
+        warnings=state.all_warnings,
     )

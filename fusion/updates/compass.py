@@ -84,10 +84,9 @@ class CompassUpdate:
         S = ekf.innovation_variance(measurement)
         others = max(S - ekf.jitter * rate**2, measurement.R)
         verdict = self._gating.judge(state, Sensor.COMPASS, measurement, S) if known and not moved else None
-        if verdict is Verdict.ACCEPTED:
-            since_ns = before.gates[Sensor.COMPASS].accepted_ns
-            paused = state.paused_since(event.sample.t_ref_ns if since_ns is None else since_ns)
-            state.turn_count = state.turn_count.after(event.t_ns, measurement.innovation, S, paused)
+        known_ns = before.gates[Sensor.COMPASS].accepted_ns
+        if verdict is Verdict.ACCEPTED and state.paused_ns > (known_ns or event.sample.t_ref_ns):
+            state.turn_count = state.turn_count.after(event.t_ns, measurement.innovation, S)
         if known and not state.isolation.exclusions and not increment.long_baseline and not moved:
             state.jitter = state.jitter.after(measurement.innovation, others, rate)
         if verdict is None or excluded:

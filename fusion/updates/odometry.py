@@ -142,9 +142,8 @@ class OdometryUpdate:
             measurement = tracks_measurement(ekf, turn, noise, modulo_turn=modulo_turn, alone=alone)
             # across a gap in which it may have turned round poses tell nothing: their full turn is not its own
             S = ekf.innovation_variance(measurement)
-            paused = state.paused_since(tracks.reference.t_ns)
-            open_turns = TurnCount().after(event.t_ns, measurement.innovation, S, paused)
-            if not modulo_turn or open_turns.since_ns is None:
+            paused = modulo_turn and state.paused_ns > tracks.reference.t_ns
+            if not paused or TurnCount().after(event.t_ns, measurement.innovation, S).since_ns is None:
                 fastest = max(sample.yaw_rate, turn / seconds, key=abs)
                 self._judge(state, measurement, fastest, seconds, alone=alone)
             state.tracks = TrackClaim(sample, sample, 0.0)
