@@ -206,3 +206,28 @@ def test_light_that_fails_for_a_second_costs_no_turn(robot, tmp_path):
         send_until(lambda: send(after), lambda: abs(yaw_of(compass[-1])) > 0.1, "the turn in the dark", pause=0.2)
         assert yaw_of(compass[-1]) == pytest.approx(turn, abs=0.02)
         wait_for(lambda: figures(diagnostics, "images").get(found) == "1", "its place in the diagnostics")
+
+
+def test_turns_that_nobody_counted_in_a_pause_are_named(robot, tmp_path):
+    """All sensors pause for 3 s while the robot spins; an image tells where it looks then, not how often it turned."""
+    texture, rate = scene(), 2.0
+    with started("nodes.fusion_node", tmp_path / "log", odometry_topic="none") as node:
+        fused = robot.listen(Odometry, "/odometry/fused")
+        diagnostics = robot.listen(DiagnosticArray, "/diagnostics")
+        gyro, view = robot.connect(Imu, "/imu/data"), robot.connect(Image, "/viz/pano/image")
+        robot.wait_publisher("/odometry/fused")
+        ticks = iter(range(100_000))
+
+        def send(since_ns, turning):
+            """A tenth of a second of both sensors."""
+            tick = next(ticks)
+            for k in range(5):
+                gyro(imu_message(since_ns + tick * SECOND // 10 + k * SECOND // 50, turning * rate))
+            view(image_message(since_ns + tick * SECOND // 10, panorama(turning * 0.1 * tick * rate, texture)))
+
+        send_until(lambda: send(START_NS, 1.0), lambda: len(fused) > 60, "the turn", pause=0.05)
+        send_until(
+            lambda: send(START_NS + 3 * SECOND, 0.0), lambda: "whole turns" in node.text(), "the warning", pause=0.05
+        )
+        wait_for(lambda: "turn_lost" in figures(diagnostics, "fusion").get("warnings", ""), "it in the diagnostics")
+        assert fused[-1].pose.covariance[35] < 0.1  # where it looks is known
