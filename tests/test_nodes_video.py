@@ -10,7 +10,7 @@ from nav_msgs.msg import Odometry
 from ros_harness import START_NS, Robot, panorama, scene, send_until, stamp, stamp_of, started, wait_for, yaw_of
 from sensor_msgs.msg import CompressedImage
 
-pytest.importorskip("av")
+pytest.importorskip("av", reason="videos need PyAV")
 from video_packets import encode
 
 pytestmark = pytest.mark.slow

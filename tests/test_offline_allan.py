@@ -42,14 +42,14 @@ def test_noises_are_found_in_what_was_made_of_them():
 
 
 def test_white_noise_alone_has_no_walk_and_no_lowest_point():
-    pytest.importorskip("allantools")
+    pytest.importorskip("allantools", reason="needs allantools")
     curve = allan_curve(noise(300.0, walk=0.0), RATE)
     assert curve.density == pytest.approx(DENSITY, rel=0.03)
     assert curve.random_walk is None
 
 
 def test_a_gyro_that_repeats_a_number_is_refused():
-    pytest.importorskip("allantools")
+    pytest.importorskip("allantools", reason="needs allantools")
     with pytest.raises(AllanError, match="one and the same number"):
         allan_curve(np.full(10_000, 0.01), RATE)
 
@@ -85,7 +85,7 @@ def standing(tmp_path_factory) -> Path:
 
 
 def test_allan_writes_parameters_and_kalibrs_file_which_is_read_again(standing, tmp_path, capsys):
-    pytest.importorskip("allantools")
+    pytest.importorskip("allantools", reason="needs allantools")
     out, kalibr = tmp_path / "gyro.yaml", tmp_path / "imu.yaml"
     assert main(["allan", str(standing), "--out", str(out), "--kalibr", str(kalibr)]) == 0
     assert "gyro z" in capsys.readouterr().out

@@ -179,7 +179,7 @@ def test_table_of_many_runs_sorts_and_links(browser, results):
 
 
 def test_reports_of_many_runs_come_with_their_table(tiny_bag, tmp_path):
-    pytest.importorskip("bokeh")
+    pytest.importorskip("bokeh", reason="reports need Bokeh")
     for name in ("a.mcap", "b.mcap"):
         shutil.copy(tiny_bag, tmp_path / name)
     out, bags = tmp_path / "out", [str(tmp_path / name) for name in ("a.mcap", "b.mcap")]

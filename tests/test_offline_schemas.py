@@ -30,7 +30,7 @@ def results(tiny_bag, tmp_path_factory):
 
 
 def test_summaries_fit_their_schema(results, capsys):
-    jsonschema = pytest.importorskip("jsonschema")
+    jsonschema = pytest.importorskip("jsonschema", reason="needs jsonschema")
     validator = jsonschema.Draft202012Validator(schema_of("summary", capsys))
     validator.check_schema(validator.schema)
     for name in ("all", "gyro", "truth"):
@@ -79,7 +79,7 @@ def test_settings_that_are_refused_do_not_fit_their_schema(text, tmp_path, capsy
     (tmp_path / "c.yaml").write_text(text)
     with pytest.raises(ConfigError):
         load_settings(tmp_path / "c.yaml")
-    jsonschema = pytest.importorskip("jsonschema")
+    jsonschema = pytest.importorskip("jsonschema", reason="needs jsonschema")
     validator = jsonschema.Draft202012Validator(schema_of("settings", capsys))
     assert list(validator.iter_errors(yaml.safe_load(text)))
 
@@ -93,7 +93,7 @@ def test_settings_that_are_written_fit_their_schema(capsys):
             assert {key: one["default"] for key, one in parameters[name]["properties"].items() if key in value} == value
         else:
             assert parameters[name]["default"] == value
-    jsonschema = pytest.importorskip("jsonschema")
+    jsonschema = pytest.importorskip("jsonschema", reason="needs jsonschema")
     validator = jsonschema.Draft202012Validator(schema)
     validator.check_schema(schema)
     good = "/robot/fusion_node: {ros__parameters: {compass.rows: 32}}\nother: {ros__parameters: {a: 1}}"

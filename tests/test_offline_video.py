@@ -111,7 +111,7 @@ def test_video_to_be_shown_upside_down_is_turned_upright(video, tmp_path):
 
 
 def test_video_that_was_cut_says_how_much_is_missing(video, tmp_path):
-    av = pytest.importorskip("av")
+    av = pytest.importorskip("av", reason="videos need PyAV")
     cut = tmp_path / "cut.mkv"
     with av.open(str(video)) as source, av.open(str(cut), "w") as sink:
         stream = sink.add_stream_from_template(source.streams.video[0])

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from tiny_bags import START_NS, TinyBag, TinyDrive, fill
 
-pytest.importorskip("av")
+pytest.importorskip("av", reason="videos need PyAV")
 from video_packets import ENCODERS, Encoded, encode, write_packet
 
 from compass import ImageError

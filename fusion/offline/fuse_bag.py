@@ -46,15 +46,6 @@ class Fused:
     summary: dict[str, Any]
 
 
-@dataclass(slots=True)
-class Look:
-    """What a run is watched for: pictures of it, `whole` ones or what the compass sees; progress (0..1), if asked."""
-
-    pictures: list[Thumbnails] | None = None
-    progress: Progress | None = None
-    whole: bool = False
-
-
 def fuse_bag(
     path: Path,
     out: Path | None,
@@ -114,49 +105,50 @@ def fuse_bag(
     used = settings_as_used(settings, request, smooth=smooth)
     source = source_of(path, known_as)
     inputs = (path, *inputs, *sensors.paths, *([Path(settings.compass.mask)] if settings.compass.mask else []))
-    look = Look([], progress, whole=report or rerun)
 
     def check() -> None:
         check_place(out, source, force=force, inputs=inputs)
 
     check()
     with open_recording(path, settings, request, sensors) as read, staged_folder(out, OPTIONAL) as staging:
-        run, summary = fuse_opened(path, read, used, source, look)
-        write_results(staging, run, used, summary, [one for look_at in look.pictures or () for one in look_at.pictures])
+        run, summary, watched = fuse_opened(path, read, used, source, progress, whole=report or rerun)
+        write_results(staging, run, used, summary, watched.pictures)
         plot_run(run, staging / "yaw.png", f"{path.name}: yaw")
         if report:
-            write_report(staging / REPORT, run, summary, path.name, *look.pictures or ())
+            write_report(staging / REPORT, run, summary, path.name, watched)
         if rerun:
-            write_rerun(staging / RERUN, run, *look.pictures or ())
+            write_rerun(staging / RERUN, run, watched)
         check()  # it may have been filled meanwhile
     return Fused(out, run, summary)
 
 
-def fuse_opened(path: Path, read: Read, used: Settings, source: Source, look: Look) -> tuple[FusedRun, dict[str, Any]]:
-    """The run and the summary of a recording that is open; nothing is written. The pictures of `look` are added.
+def fuse_opened(
+    path: Path, read: Read, used: Settings, source: Source, progress: Progress | None = None, *, whole: bool = False
+) -> tuple[FusedRun, dict[str, Any], Thumbnails]:
+    """The run, the summary and small pictures of a recording that is open; nothing is written.
+
+    The pictures show the `whole` of the panoramas, or what of them the compass sees, which is quicker.
 
     Raises
     ------
     VisualCompassError
         It is damaged, or none of its samples can be used.
     """
-    with _shown("reading samples", look.progress, 0.0, 0.1) as part:
+    with _shown("reading samples", progress, 0.0, 0.1) as part:
         recording = cropped(read(part), used.offline)
     bottom = 1.0
-    if isinstance(recording, BagRecording) and not look.whole:
+    if isinstance(recording, BagRecording) and not whole:
         bottom = recording.bottom = rows_used(used.compass)
     watched = Thumbnails(recording, bottom)
-    with _shown("fusing", look.progress, 0.1, 1.0) as part:
-        run = fuse_recording(recording if look.pictures is None else watched, used, part)
-    if look.pictures is not None:
-        look.pictures.append(watched)
+    with _shown("fusing", progress, 0.1, 1.0) as part:
+        run = fuse_recording(watched, used, part)
     if not run.rows:
         raise BagError(f"{path}: no sample was usable: {_reasons(recording.dropped + run.fusion_counts)}")
     if used.offline.smooth:
         smooth_run(run, used)
     for reason, count in recording.dropped.items():
         log.warning("%d unusable: %s", count, reason)
-    return run, provenance(source, settings_hash(used)) | summarise(run, recording)
+    return run, provenance(source, settings_hash(used)) | summarise(run, recording), watched
 
 
 def settings_as_used(settings: Settings, request: TopicRequest, *, smooth: bool = False) -> Settings:

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from compass.errors import ArgumentError
 from fusion.checks.warnings import Warning
-from fusion.offline.fuse_bag import Look, fuse_bag, fuse_opened, settings_as_used
+from fusion.offline.fuse_bag import fuse_bag, fuse_opened, settings_as_used
 from fusion.offline.image_files import EMBEDDED, SensorFiles
 from fusion.offline.open_recording import open_recording
 from fusion.offline.results import table_of
@@ -146,7 +146,7 @@ def fuse(
     if out is None:
         with open_recording(where, settings, request, files) as read:
             used = settings_as_used(settings, request, smooth=smooth)
-            details, summary = fuse_opened(where, read, used, source_of(where), Look())
+            details, summary, _ = fuse_opened(where, read, used, source_of(where))
         return _finished(details, summary, None)
     done = fuse_bag(where, _path("out", out), settings, request, smooth=smooth, sensors=files, report=report)
     return _finished(done.run, done.summary, done.folder)
