@@ -31,7 +31,7 @@ def test_trail_integrates_the_rate_and_holds_the_last():
 
 def test_trail_forgets_what_is_long_ago():
     trail = trail_of(lambda t: 0.3, 3.0, 0.01)
-    assert len(trail.t_ns) <= TRAIL_NS // 10**7 + 2
+    assert len(trail.points) <= TRAIL_NS // 10**7 + 2
     assert trail.turn_at(3 * SECOND) == pytest.approx(0.9)
 
 

@@ -81,12 +81,12 @@ class CompassUpdate:
         witnessed = state.gyro_since_ns is not None and state.gyro_since_ns <= event.sample.t_ref_ns
         witnessed = witnessed and state.hears(Sensor.GYRO)
         rate = float(ekf.x[State.RATE])
-        S = ekf.innovation_variance(measurement)
-        others = max(S - ekf.jitter * rate**2, measurement.R)
-        verdict = self._gating.judge(state, Sensor.COMPASS, measurement, S) if known and not moved else None
+        expected = ekf.expect(measurement)
+        others = max(expected.S - ekf.jitter * rate**2, measurement.R)
+        verdict = self._gating.judge(state, Sensor.COMPASS, measurement, expected) if known and not moved else None
         known_ns = before.gates[Sensor.COMPASS].accepted_ns
         if verdict is Verdict.ACCEPTED and state.paused_ns > (known_ns or event.sample.t_ref_ns):
-            state.turn_count = state.turn_count.after(event.t_ns, measurement.innovation, S)
+            state.turn_count = state.turn_count.after(event.t_ns, measurement.innovation, expected.S)
         if known and not state.isolation.exclusions and not increment.long_baseline and not moved:
             state.jitter = state.jitter.after(measurement.innovation, others, rate)
         if verdict is None or excluded:
