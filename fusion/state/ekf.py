@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -89,8 +89,7 @@ class Measurement:
     consider: tuple[int, ...] = ()
 
 
-@dataclass(frozen=True, slots=True)
-class Expectation:
+class Expectation(NamedTuple):
     """What a state says of a measurement that is not taken in yet.
 
     Attributes
@@ -218,8 +217,9 @@ class YawEkf(ExtendedKalmanFilter):
         F[State.TRACK_ERROR, State.VEER] = self.track_speed * dt
         integrate_gauss_markov(F, Q, State.SLIP, State.TRACK_ERROR, config.slip_time, 1.0, self.slip_sigma, dt)
         faded = dt / config.compass_error_time
+        kept, renewed = math.exp(-faded), -math.expm1(-2.0 * faded)
         for error in (State.COMPASS_ERROR, State.LONG_BASELINE_ERROR):
-            F[error, error], Q[error, error] = math.exp(-faded), -math.expm1(-2.0 * faded)
+            F[error, error], Q[error, error] = kept, renewed
         return F, Q
 
     def transform(self, T: Array) -> None:
@@ -287,8 +287,8 @@ class YawEkf(ExtendedKalmanFilter):
         """Update with a measurement made from the present state, and with what that says of it, if known."""
         prior_x, prior_P = self.x, self.P
         expected = expected or self.expect(measurement)
-        H, PH, R = measurement.H, expected.PH, expected.R
-        optimal = K = PH / expected.S
+        H, PH, S = measurement.H, expected.PH, expected.S
+        optimal = K = PH / S
         if measurement.consider:
             K = optimal.copy()
             for state in measurement.consider:
@@ -297,7 +297,8 @@ class YawEkf(ExtendedKalmanFilter):
         # (I - K H) P (I - K H)' + K R K', for any gain (Bucy & Joseph 1968), as a change of rank two: half of it
         if measurement.H_after is not None:
             H, PH = measurement.H_after, prior_P.dot(measurement.H_after[0])
-        half = K[:, None] * ((0.5 * (float(H[0].dot(PH)) + R)) * K - PH)
+            S = float(H[0].dot(PH)) + expected.R
+        half = K[:, None].dot((0.5 * S * K - PH)[None, :])
         self.P = half + half.T
         self.P += prior_P
         variances = self.P.reshape(-1)[:: DIM + 1]
