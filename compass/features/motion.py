@@ -118,5 +118,5 @@ def yaw_variance(fit: Fit, sector: Index, travels: bool) -> float:
     covariance = np.linalg.inv(fit.precision[0, :used, :used])
     scores: Floats = np.stack([np.bincount(sector, row, SECTORS) for row in fit.slopes[0, :used]])
     sandwich = covariance @ (scores @ scores.T) @ covariance
-    clusters = np.unique(sector).size
+    clusters = int(np.count_nonzero(np.bincount(sector)))
     return float(sandwich[0, 0]) * clusters / max(clusters - used, 1) + fit.ambiguity

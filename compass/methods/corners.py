@@ -179,7 +179,7 @@ def _tracked(
     predicted = projection.pixels(rotation @ key.tangents.ahead) - key.patches.centre
     rotated = predicted - key.predicted
     expected = key.last + np.stack([signed(rotated[:, 0], now.columns), rotated[:, 1]], axis=1)
-    steady = not key.motion.is_unknown and quantile(np.abs(key.pace).max(axis=1), 0.9) < STEADY_PX
+    steady = not key.motion.is_unknown and quantile(np.maximum(*np.abs(key.pace).T), 0.9) < STEADY_PX
     guess = expected + key.pace if steady else expected
     tracks = track(key.picture, key.patches, now, guess.astype(np.float32), 0 if steady else 1)
     if now.clear is not None:
