@@ -103,8 +103,8 @@ class YawFilter:
         if state.hears(Sensor.COMPASS) or isinstance(event, HeadingEvent):
             state.aided_yaw = float(state.x[State.YAW])
         self._lead(before, state, event)
-        left = before.believes(Sensor.TRACKS) and not state.believes(Sensor.TRACKS)
-        if before.unconfirmed is not None and before.unconfirmed.tracks is not None and left:
+        contradicted = before.unconfirmed is not None and before.unconfirmed.tracks is not None
+        if contradicted and before.believes(Sensor.TRACKS) and not state.believes(Sensor.TRACKS):
             # who contradicted says no more: it is known for good how little is known
             state.ekf.widen_frame(before.unconfirmed_variance)
             state.unconfirmed = state.confirmed(self.config.initial_rate_sigma)

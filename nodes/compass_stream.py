@@ -7,6 +7,7 @@ import math
 import threading
 import time
 from collections.abc import Callable
+from itertools import islice
 from typing import Any, TypeAlias, cast
 
 import numpy as np
@@ -31,6 +32,7 @@ from nodes.link import NO_DEFAULTS, Link
 from nodes.names import resolved_name
 from nodes.newest_worker import NewestWorker
 from nodes.quality import EVERY_IMAGE_QOS, IMAGE_QOS, PACKET_QOS
+from nodes.sample_queue import queued
 from nodes.throttled_log import ThrottledLog, surviving
 from nodes.transport import image_topic
 
@@ -100,7 +102,7 @@ class CompassStream:
         )  # takes longer than an image may
         self._publisher = node.create_publisher(Odometry, topics.compass_output_topic, 10)
         self._done = node.create_publisher(Header, "~/image_done", EVERY_IMAGE_QOS) if topics.reliable else None
-        subscription = node.create_subscription(
+        self._subscription = node.create_subscription(
             self._kind,
             given,
             cast(Any, self._receive),  # takes the message's info, too, which rclpy's types leave out
@@ -109,7 +111,7 @@ class CompassStream:
             event_callbacks=NO_DEFAULTS,
             qos_overriding_options=QoSOverridingOptions.with_default_policies(),
         )
-        self.link = Link(node, subscription, given)
+        self.link = Link(node, self._subscription, given)
 
     def apply(self, settings: Settings) -> None:
         """Take over settings that may change while running."""
@@ -146,6 +148,11 @@ class CompassStream:
         return str(self._publisher.topic_name)
 
     def _receive(self, message: ImageMessage, info: dict[str, Any]) -> None:
+        """Take all that wait: an executor that takes one a turn on a busy machine would stay a full queue behind."""
+        for one, about in ((message, info), *islice(queued(self._subscription), PACKET_QOS.depth)):
+            self._take_in(one, about)
+
+    def _take_in(self, message: ImageMessage, info: dict[str, Any]) -> None:
         self.link.see(info.get("publication_sequence_number"))
         self.link.size = len(message.data)
         if isinstance(message, Image):

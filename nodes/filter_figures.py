@@ -34,7 +34,7 @@ def state_figures(sensor: Sensor, state: FilterState) -> dict[str, str]:
         voice = state.odometry_fields
         spoken = [name for name, spoke in (("pose", voice.pose), ("twist", voice.twist)) if spoke]
         return {"filled in": " and ".join(spoken) or "nothing but zeros so far"}
-    up = state.trail.ups[-1] if state.trail.ups else None
+    up = state.trail.points[-1].up if state.trail.points else None
     return {"tilt of the robot [deg]": f"{math.degrees(tilt_angle(up)):.1f}" if up else "not known"}
 
 

@@ -13,19 +13,24 @@ from tiny_bags import TinyBag, TinyDrive, fill
 
 cv2.setNumThreads(1)  # as many processes as cores run tests already
 
-# Marked `slow`, beside all that start nodes as processes of their own: five seconds of one core and more.
+# Marked `slow`, beside all that start nodes as processes of their own: five seconds of one core and more, where a
+# change is seldom noticed by these alone.
 SLOW = {
-    *("test_consistency", "test_smoother", "test_fusion", "test_fusion_faults", "test_exposure", "test_lean"),
+    *("test_consistency", "test_smoother", "test_fusion_faults", "test_fusion_abrupt", "test_image_timing"),
+    *("test_turn_count", "test_tilt", "test_noise", "test_clock_offset", "test_clock_steps", "test_unconfirmed"),
     *("test_compass_gap", "test_compass_driving", "test_compass_long_baseline", "test_compass_photos"),
+    *("test_compass_circle", "test_compass_part", "test_compass_projections", "test_simulation_camera"),
+    *("test_simulation_drive", "test_simulation_held_out", "test_torture", "test_cases_bags", "test_cases_links"),
+    *("test_cli", "test_offline_calibrate", "test_offline_circles", "test_offline_cluster", "test_offline_evaluate"),
+    *("test_offline_library", "test_offline_many", "test_offline_nothing_lost", "test_offline_plot"),
     *(
-        "test_offline_calibrate",
         "test_offline_real",
         "test_offline_report",
-        "test_offline_many",
-        "test_offline_cluster",
-        "test_cli",
+        "test_offline_staging",
+        "test_offline_video",
+        "test_offline_warnings",
     ),
-    *("test_simulation_drive", "test_simulation_held_out", "test_torture", "test_cases_bags", "test_cases_links"),
+    *("test_bag_storage", "test_compass_compressed", "test_docs", "test_tools"),
 }
 
 

@@ -232,7 +232,7 @@ def test_driving_past_walls_that_grow_turns_the_default_by_a_tenth_of_the_papers
     assert rms[DEFAULT] < rms["rows"] / 10.0  # a seventh without what grows
 
 
-@pytest.mark.parametrize("turn", [0.4, 5.37, 25.3])
+@pytest.mark.parametrize("turn", [5.37, 25.3])
 def test_variance_while_driving_is_within_a_factor_of_two(turn):
     cases = [
         (direction, *walls) for direction in (0.0, math.pi, 0.7) for walls in ((1.0, 3.0), (20.0, 0.7), (3.0, 3.0))

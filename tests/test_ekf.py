@@ -87,8 +87,7 @@ def test_ten_short_steps_equal_one_long_step(ekf, sigma):
 @pytest.mark.parametrize("dt", [1e-6, 0.01, 0.5, 60.0])
 def test_turning_equals_its_matrix_exponential(ekf, dt):
     ekf.config = FusionConfig(initial_rate_sigma=100.0)  # far from relaxing
-    turning = np.ix_(TURNING, TURNING)
-    F, Q = (matrix[turning] for matrix in ekf.transition(dt))
+    F, Q = (matrix[TURNING] for matrix in ekf.transition(dt))
     exact = turning_noise(ekf.config, dt)
     np.testing.assert_allclose(F, exact[0], rtol=1e-9, atol=1e-12)
     scale = np.sqrt(np.outer(np.diag(exact[1]), np.diag(exact[1])))
@@ -142,7 +141,7 @@ def test_clone_is_a_copy_with_all_correlations(ekf):
 
 def test_difference_to_clone_knows_only_what_happened_since(ekf):
     ekf.clone_yaw(State.CLONE)
-    before = ekf.P[np.ix_(TURNING[1:], TURNING[1:])]
+    before = ekf.P[TURNING][1:, 1:]
     ekf.predict_for(0.1)
     measurement = compass_measurement(ekf, 0.0, 1e-4, State.CLONE, State.YAW)
     H = measurement.H.copy()

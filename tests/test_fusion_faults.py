@@ -283,12 +283,11 @@ def with_stray_stamps(stray_s, rate, seed):
     return sorted(samples, key=lambda sample: sample.t_ns)
 
 
-@pytest.mark.parametrize("rate", [0.4, 1.0])
-@pytest.mark.parametrize("stray_s", [0.0, 0.001, 0.005])
+@pytest.mark.parametrize(("stray_s", "rate"), [(0.0, 1.0), (0.001, 0.4), (0.001, 1.0), (0.005, 0.4)])
 def test_images_whose_stamps_stray_are_believed_as_far_as_they_may(stray_s, rate):
     """Taken for exact, one in two is refused and the others mislead: by up to 48 deg with 1 ms at 1 rad/s."""
     normalised = []
-    for seed in range(5):
+    for seed in range(3):
         fusion = YawFusion(FusionConfig(gyro_scale_sigma=0.001))  # at a constant rate it would pass for a bias
         for sample in with_stray_stamps(stray_s, rate, seed):
             fusion.add(sample)

@@ -31,7 +31,7 @@ def test_trail_integrates_the_rate_and_holds_the_last():
 
 def test_trail_forgets_what_is_long_ago():
     trail = trail_of(lambda t: 0.3, 3.0, 0.01)
-    assert len(trail.t_ns) <= TRAIL_NS // 10**7 + 2
+    assert len(trail.points) <= TRAIL_NS // 10**7 + 2
     assert trail.turn_at(3 * SECOND) == pytest.approx(0.9)
 
 
@@ -101,7 +101,7 @@ def swinging(delay_s, seed, rate=0.5, seconds=20.0, stray_s=0.001):
 @pytest.mark.parametrize("delay_s", [-0.01, 0.0, 0.02, 0.05, 0.1])
 def test_delay_of_the_camera_is_found_and_does_no_harm(delay_s):
     normalised = []
-    for seed in range(3):
+    for seed in range(2):
         samples, t, yaw = swinging(delay_s, seed)
         fusion = YawFusion()
         for sample in samples:
@@ -137,12 +137,12 @@ def test_without_a_gyro_the_sigma_tells_what_is_not_known_of_the_delay():
     assert math.sqrt(fusion.estimate().yaw_variance) == pytest.approx(0.4 * 0.05, rel=0.1)
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 def test_delay_that_jumps_does_no_harm(seed):
     """As when the camera's driver is started again: gyro and tracks outvote the compass."""
-    before, _, _ = swinging(0.0, seed, seconds=40.0)
-    after, t, yaw = swinging(0.08, seed, seconds=40.0)
-    cut = 20 * SECOND
+    before, _, _ = swinging(0.0, seed, seconds=30.0)
+    after, t, yaw = swinging(0.08, seed, seconds=30.0)
+    cut = 14 * SECOND
     samples = [s for s in before if s.t_ns < cut or not isinstance(s, YawIncrement)]
     samples += [s for s in after if isinstance(s, YawIncrement) and s.t_ref_ns >= cut]
     fusion, normalised = YawFusion(), []
@@ -176,7 +176,7 @@ def test_delay_is_not_learnt_from_the_noise_of_a_straight_drive():
 def test_stray_of_the_stamps_is_found_and_the_sigma_knows_of_it(stray_s):
     """Taken for 5 ms whatever it is, 30 ms end up to 4.7 deg off, and the error squared is 40 times its variance."""
     normalised = []
-    for seed in range(3):
+    for seed in range(2):
         samples, t, yaw = swinging(0.02, seed, stray_s=stray_s)
         fusion = YawFusion()
         for sample in samples:

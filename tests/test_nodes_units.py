@@ -13,6 +13,8 @@ import pytest
 pytest.importorskip("rclpy", reason="rclpy is not installed: pip install '.[ros]'")
 
 import rclpy
+from ros_harness import jpeg_message
+from sensor_msgs.msg import CompressedImage
 
 from compass import YawIncrement
 from compass.errors import ConfigError
@@ -232,6 +234,29 @@ def test_node_without_input_does_nothing_and_wakes_with_the_first_sample():
         spin_until(lambda: queue._timer.is_canceled(), 60.0)
         assert queue._timer.is_canceled()
         assert queue._idle.can_execute(None)
+    finally:
+        node.destroy_node()
+        rclpy.try_shutdown()
+
+
+def test_images_that_wait_are_all_taken_in_one_turn():
+    """The newest is worked on: an executor that took one a turn, too slow for the camera, would stay a queue behind."""
+    topic = "/pano/compressed"
+    reliable = f"qos_overrides.{topic}.subscription.reliability:=reliable"  # only then a publisher knows that it came
+    rclpy.init(args=["--ros-args", "-p", reliable, "-p", "compass_image:=/pano", "-p", "image_transport:=compressed"])
+    node, offered = CompassNode(), []
+    try:
+        node._stream._worker.close()
+        node._stream._worker = Mock(offer=lambda image: offered.append(stamp_to_ns(image.header.stamp)), dropped=0)
+        camera = node.create_publisher(CompressedImage, topic, 10)
+        for t_ns in range(1, 7):
+            camera.publish(jpeg_message(t_ns, np.zeros((16, 32), np.uint8)))
+        assert camera.wait_for_all_acked(rclpy.duration.Duration(seconds=60.0))
+        executor = rclpy.executors.SingleThreadedExecutor()
+        executor.add_node(node)
+        while not offered:
+            executor.spin_once(timeout_sec=0.1)
+        assert offered == list(range(1, 7))
     finally:
         node.destroy_node()
         rclpy.try_shutdown()

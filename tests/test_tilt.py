@@ -156,7 +156,7 @@ def on_slope(seed, lean_deg, *, told=True, **kwargs):
 
 
 @pytest.mark.parametrize("lean_deg", [0.0, 10.0, 30.0])
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 def test_fused_heading_on_a_slope_is_right_within_its_sigma(seed, lean_deg):
     drive = on_slope(seed, lean_deg)
     fusion, errors = fuse(drive)

@@ -10,7 +10,7 @@ from compass import YawIncrement
 from fusion import GyroSample, OdometrySample, YawFusion
 from fusion.checks.turn_count import TurnCount
 
-BEFORE, AFTER = 10.0, 5.0  # s, of samples on either side of a gap
+BEFORE, AFTER = 6.0, 3.0  # s, of samples on either side of a gap
 
 
 def heard(rates, gap, sensors):
@@ -25,7 +25,7 @@ def heard(rates, gap, sensors):
 
     samples = []
     if "gyro" in sensors:
-        samples += [GyroSample(int(t * 1e9), rates[t > BEFORE] + 0.003 * rng.normal()) for t in stamps(100)]
+        samples += [GyroSample(int(t * 1e9), rates[t > BEFORE] + 0.003 * rng.normal()) for t in stamps(50)]
     if "tracks" in sensors:
         claims = [(t, 1.3 * rates[t > BEFORE], 1.3 * yaw(t) if "poses" in sensors else None) for t in stamps(20)]
         samples += [OdometrySample(int(t * 1e9), rate, 0.3, pose) for t, rate, pose in claims]

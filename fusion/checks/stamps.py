@@ -111,6 +111,8 @@ class Elsewhen:
 
         But not those of a sensor that kept ahead while the others went on: they had not stopped, its clock is another.
         """
+        if not self.samples:
+            return []
         near = [(sample, newest_ns) for sample, newest_ns in self.samples if sample.t_ns <= reach_ns]
         if near:
             kept = ((sample, newest_ns) for sample, newest_ns in self.samples if sample.t_ns > reach_ns)

@@ -131,8 +131,8 @@ class Unconfirmed:
     def with_image(self, now: Belief, *, accepted: bool) -> Unconfirmed:
         """After an image, whatever it says."""
         pace_ns = SILENT_NS if self.image_ns is None else min(now.t_ns - self.image_ns, SILENT_NS)
-        new = self if now.t_ns == self.image_ns else replace(self, image_ns=now.t_ns, pace_ns=pace_ns)
-        return replace(new, seen=now) if accepted else new
+        pace_ns = self.pace_ns if now.t_ns == self.image_ns else pace_ns
+        return replace(self, image_ns=now.t_ns, pace_ns=pace_ns, seen=now if accepted else self.seen)
 
     def with_window(self, window: Window | None) -> Unconfirmed:
         """After a window of turns."""

@@ -298,7 +298,11 @@ def _render(names: Sequence[str], seeds: int, worlds: str) -> None:
     with progress_bar("rendering") as progress:
         for count, ((name, _), seed) in enumerate(firsts.items()):
             drive = simulate(name, seed, worlds=worlds)
-            drive.prepare(lambda done, of, count=count: progress((count + done / of) / len(firsts)))  # type: ignore[misc]
+
+            def told(done: int, of: int, before: int = count) -> None:
+                progress((before + done / of) / len(firsts))
+
+            drive.prepare(told)
 
 
 @dataclass(frozen=True, slots=True)

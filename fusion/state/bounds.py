@@ -17,7 +17,8 @@ LOOSE = 1e-9  # of a state's variance, by which states are made a little less al
 
 def symmetric(P: Array) -> Array:
     """A covariance without what rounding has made unsymmetric."""
-    half: Array = 0.5 * (P + P.T)
+    half: Array = P + P.T
+    half *= 0.5
     return half
 
 
@@ -28,7 +29,7 @@ def limit_turn(F: Array, Q: Array, P: Array, yaw: int) -> None:
     """
     change = F[yaw].copy()
     change[yaw] = 0.0
-    variance = float(change @ P @ change) + float(Q[yaw, yaw])
+    variance = float(change.dot(P).dot(change)) + float(Q[yaw, yaw])
     if variance > LOST_YAW**2:
         share = LOST_YAW / math.sqrt(variance)
         F[yaw] = share * change
@@ -51,8 +52,8 @@ def forget_beyond(P: Array, yaw: int, yaws: npt.NDArray[np.bool_]) -> Array | No
 
 
 def rounding(H: Array, P: Array) -> float:
-    """Variance by which rounding blurs a measurement of Jacobian H, shape (1, n): it may see a small difference."""
-    return ROUNDING * float((H[0] * H[0]) @ P.diagonal())
+    """Variance by which rounding blurs a measurement of Jacobian H, shape (n,): it may see a small difference."""
+    return ROUNDING * float((H * H).dot(P.diagonal()))
 
 
 def blurred(P: Array, by: Array) -> Array:

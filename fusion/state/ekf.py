@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from enum import IntEnum
+from typing import Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -36,32 +36,30 @@ LASTING = 0.5  # share of an increment's variance that is taken to last beyond i
 DELAY_WALK = 0.2  # 1/sqrt(s), wander of the camera's delay over the timestamp jitter
 
 
-class State(IntEnum):
-    """Where each quantity stands in the state vector."""
+class State:
+    """Where each quantity stands in the state vector: plain numbers, as an enumeration's cost more to index with."""
 
-    YAW = 0  # accumulated, rad
-    RATE = 1  # turn rate, rad/s
-    BIAS = 2  # what the gyro adds to the rate, rad/s, at the robot's present tilt
-    SCALE = 3  # turn rate claimed by the tracks over the true one
-    ACCELERATION = 4  # of the turning, rad/s^2
-    GYRO_SCALE = 5  # excess of the gyro's scale factor over one
-    VEER = 6  # turn that the tracks claim per metre driven straight, rad/m
-    SLIP = 7  # passing error of the tracks' turn rate, in units of its standard deviation
-    TRACK_ERROR = 8  # turn that slip and veer have added to the claim since the last reference of the tracks, rad
-    TRACK_REF = 9  # yaw at that reference, rad
-    STILL_REF = 10  # yaw when the last sign of motion had died away, rad
-    COMPASS_ERROR = 11  # lasting error of the compass, in units of its standard deviation
-    CAMERA_DELAY = 12  # from the exposure of an image to its stamp, s
-    CROSS_BIAS = 13  # what the gyro adds about the robot's y axis, rad/s; a tilt turns it into BIAS
-    LONG_BASELINE_ERROR = 14  # the same of increments from some seconds ago
-    CLONE = 15  # first of CLONES yaws at the exposure of images, rad
+    YAW: Final = 0  # accumulated, rad
+    RATE: Final = 1  # turn rate, rad/s
+    ACCELERATION: Final = 2  # of the turning, rad/s^2
+    BIAS: Final = 3  # what the gyro adds to the rate, rad/s, at the robot's present tilt
+    SCALE: Final = 4  # turn rate claimed by the tracks over the true one
+    GYRO_SCALE: Final = 5  # excess of the gyro's scale factor over one
+    VEER: Final = 6  # turn that the tracks claim per metre driven straight, rad/m
+    SLIP: Final = 7  # passing error of the tracks' turn rate, in units of its standard deviation
+    TRACK_ERROR: Final = 8  # turn that slip and veer have added to the claim since the tracks' last reference, rad
+    TRACK_REF: Final = 9  # yaw at that reference, rad
+    STILL_REF: Final = 10  # yaw when the last sign of motion had died away, rad
+    COMPASS_ERROR: Final = 11  # lasting error of the compass, in units of its standard deviation
+    CAMERA_DELAY: Final = 12  # from the exposure of an image to its stamp, s
+    CROSS_BIAS: Final = 13  # what the gyro adds about the robot's y axis, rad/s; a tilt turns it into BIAS
+    LONG_BASELINE_ERROR: Final = 14  # the same of increments from some seconds ago
+    CLONE: Final = 15  # first of CLONES yaws at the exposure of images, rad
 
 
 DIM = State.CLONE + CLONES
 IDENTITY = np.eye(DIM)
-TURNING = [State.YAW, State.RATE, State.ACCELERATION]
-TURNING_BLOCK = np.ix_(TURNING, TURNING)
-TURNING_PLACES = np.arange(DIM * DIM).reshape(DIM, DIM)[TURNING_BLOCK]  # of it, row after row; `put` is quicker
+TURNING = np.s_[: State.ACCELERATION + 1, : State.ACCELERATION + 1]  # yaw, rate and acceleration
 YAWS = np.array([s in (State.YAW, State.TRACK_REF, State.STILL_REF) or s >= State.CLONE for s in range(DIM)])
 
 
@@ -80,7 +78,7 @@ class Measurement:
     H_after : numpy.ndarray or None
         Jacobian at the updated state where it differs: the gain comes from `H`, the covariance that this gain leaves
         behind from `H_after`.
-    consider : tuple of State
+    consider : tuple of int
         States that keep value and variance, only their correlations change (Schmidt 1966, "consider" states).
     """
 
@@ -88,7 +86,25 @@ class Measurement:
     H: Array
     R: float
     H_after: Array | None = None
-    consider: tuple[State, ...] = ()
+    consider: tuple[int, ...] = ()
+
+
+class Expectation(NamedTuple):
+    """What a state says of a measurement that is not taken in yet.
+
+    Attributes
+    ----------
+    PH : numpy.ndarray
+        Covariance of all states with the expected value, shape (DIM,).
+    R : float
+        Variance of the measurement's noise, rounding included.
+    S : float
+        Variance that the innovation should have.
+    """
+
+    PH: Array
+    R: float
+    S: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,6 +184,7 @@ class YawEkf(ExtendedKalmanFilter):
         self.P = symmetric(self.P)
         if self.tape is not None:
             self.tape.append(Transition(self.F))
+        del self.F, self.Q, self.x_prior, self.P_prior  # the timeline keeps states, and these fill a processor's cache
         forgetting = forget_beyond(self.P, State.YAW, YAWS)
         if forgetting is not None:
             x = self.x
@@ -192,23 +209,23 @@ class YawEkf(ExtendedKalmanFilter):
             if not still:
                 integrate_gauss_markov(F, Q, State.RATE, State.YAW, 2.0 * prior / q, prior**0.5, 1.0, dt)
         else:
-            turned, noise = turning(ramp, dt)
-            F.put(TURNING_PLACES, turned)
-            Q.put(TURNING_PLACES, q * noise)
+            F[TURNING], noise = turning(ramp, dt)
+            Q[TURNING] = q * noise
         Q[State.BIAS, State.BIAS] = Q[State.CROSS_BIAS, State.CROSS_BIAS] = config.bias_walk**2 * dt
         Q[State.SCALE, State.SCALE] = config.scale_walk**2 * dt
         Q[State.CAMERA_DELAY, State.CAMERA_DELAY] = DELAY_WALK**2 * self.jitter * dt
         F[State.TRACK_ERROR, State.VEER] = self.track_speed * dt
         integrate_gauss_markov(F, Q, State.SLIP, State.TRACK_ERROR, config.slip_time, 1.0, self.slip_sigma, dt)
         faded = dt / config.compass_error_time
+        kept, renewed = math.exp(-faded), -math.expm1(-2.0 * faded)
         for error in (State.COMPASS_ERROR, State.LONG_BASELINE_ERROR):
-            F[error, error], Q[error, error] = math.exp(-faded), -math.expm1(-2.0 * faded)
+            F[error, error], Q[error, error] = kept, renewed
         return F, Q
 
     def transform(self, T: Array) -> None:
         """Multiply the state with `T`."""
         self.x = T @ self.x
-        self.P = symmetric(T @ self.P @ T.T)
+        self.P = symmetric(T.dot(self.P).dot(T.T))
         if self.tape is not None:
             self.tape.append(Transition(T))
 
@@ -218,7 +235,7 @@ class YawEkf(ExtendedKalmanFilter):
         T[into] = T[State.YAW]
         self.transform(T)
 
-    def renew(self, index: State, variance: float, value: float = 0.0) -> None:
+    def renew(self, index: int, variance: float, value: float = 0.0) -> None:
         """Forget state `index`: it is `value`, known with `variance`, and not correlated with the others."""
         T = IDENTITY.copy()
         T[index, index] = 0.0
@@ -250,6 +267,8 @@ class YawEkf(ExtendedKalmanFilter):
 
     def widen(self, index: int, variance: float) -> None:
         """Add to the variance of state `index`, as far as more than that means anything."""
+        if variance == 0.0:
+            return
         self.P = self.P.copy()
         self.P[index, index] += min(variance, (LOST_YAW if YAWS[index] else NONSENSE_RATE) ** 2)
 
@@ -258,31 +277,34 @@ class YawEkf(ExtendedKalmanFilter):
         self.P = self.P.copy()
         self.P[np.ix_(YAWS, YAWS)] += variance
 
-    def innovation_variance(self, measurement: Measurement) -> float:
-        """Variance S that the innovation should have."""
-        H, P = measurement.H, self.P
-        return max(float(H[0] @ P @ H[0]), 0.0) + measurement.R + rounding(H, P)
+    def expect(self, measurement: Measurement) -> Expectation:
+        """What the present state says of a measurement that was made from it."""
+        H = measurement.H[0]
+        PH, R = self.P.dot(H), measurement.R + rounding(H, self.P)
+        return Expectation(PH, R, max(float(H.dot(PH)), 0.0) + R)
 
-    def correct(self, measurement: Measurement) -> None:
-        """Update with a measurement made from the present state."""
+    def correct(self, measurement: Measurement, expected: Expectation | None = None) -> None:
+        """Update with a measurement made from the present state, and with what that says of it, if known."""
         prior_x, prior_P = self.x, self.P
-        R = measurement.R + rounding(measurement.H, prior_P)
-        H = measurement.H if measurement.H_after is None else measurement.H_after
-        seen = prior_P @ measurement.H[0]
-        S = float(measurement.H[0] @ seen) + R
-        optimal = K = seen / S
+        expected = expected or self.expect(measurement)
+        H, PH, S = measurement.H, expected.PH, expected.S
+        optimal = K = PH / S
         if measurement.consider:
             K = optimal.copy()
             for state in measurement.consider:
                 K[state] = 0.0
         self.x = prior_x + K * measurement.innovation
         # (I - K H) P (I - K H)' + K R K', for any gain (Bucy & Joseph 1968), as a change of rank two: half of it
-        PH = seen if H is measurement.H else prior_P @ H[0]
-        half = np.multiply.outer(K, (0.5 * (float(H[0] @ PH) + R)) * K - PH)
-        self.P = prior_P + half + half.T
-        self.P.reshape(-1)[:: DIM + 1] += ROUNDING * prior_P.diagonal()
-        if not self.P.diagonal().min() >= 0.0:
+        if measurement.H_after is not None:
+            H, PH = measurement.H_after, prior_P.dot(measurement.H_after[0])
+            S = float(H[0].dot(PH)) + expected.R
+        half = K[:, None].dot((0.5 * S * K - PH)[None, :])
+        self.P = half + half.T
+        self.P += prior_P
+        variances = self.P.reshape(-1)[:: DIM + 1]
+        variances += ROUNDING * prior_P.diagonal()
+        if not variances[variances.argmin()] >= 0.0:
             self.x, self.P = prior_x, loosened(prior_P)
             return
         if self.tape is not None:
-            self.tape.append(Correction(measurement.innovation, measurement.H, H, S, optimal[:, None]))
+            self.tape.append(Correction(measurement.innovation, measurement.H, H, expected.S, optimal[:, None]))

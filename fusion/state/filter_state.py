@@ -173,7 +173,7 @@ class FilterState:
     @property
     def only_tracks_watch(self) -> bool:
         """Whether nobody but the tracks can contradict the images."""
-        return self.believes(Sensor.TRACKS) and self.hears(Sensor.COMPASS) and not self.believes(Sensor.GYRO)
+        return not self.believes(Sensor.GYRO) and self.believes(Sensor.TRACKS) and self.hears(Sensor.COMPASS)
 
     @property
     def unconfirmed_variance(self) -> float:

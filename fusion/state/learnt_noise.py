@@ -21,14 +21,14 @@ FACTOR_TAIL = 30.0  # slips and starts are rare and large
 
 @dataclass(frozen=True, slots=True)
 class LearntNoise:
-    """What is known of a standard deviation: `known` if nothing else is, else log-weights of the `values` it may have.
+    """What is known of a standard deviation: `known` if nothing else is, else log-weights of the squares it may have.
 
     `prior` are those known beforehand, to which the others return within `memory` innovations. These are taken to be of
     Student's distribution with `tail` degrees of freedom. `variance` is the mean of the squared deviation.
     """
 
     known: float
-    values: tuple[float, ...] = ()
+    squares: tuple[float, ...] = ()
     weights: tuple[float, ...] = ()
     prior: tuple[float, ...] = ()
     memory: float = 1.0
@@ -43,8 +43,8 @@ class LearntNoise:
         """Known to be `sigma` but for a factor, as a standard deviation; 1: exactly."""
         if sigma == 0.0 or factor == 1.0:
             return LearntNoise(sigma)
-        prior = tuple(-0.5 * (math.log(one / sigma) / math.log(factor)) ** 2 for one in values)
-        return LearntNoise(sigma, tuple(values), prior, prior, memory, tail)
+        prior = _normalised([-0.5 * (math.log(one / sigma) / math.log(factor)) ** 2 for one in values])
+        return LearntNoise(sigma, tuple(one**2 for one in values), prior, prior, memory, tail)
 
     @staticmethod
     def jitter(sigma: float, factor: float) -> LearntNoise:
@@ -59,23 +59,27 @@ class LearntNoise:
     def _mean_square(self) -> float:
         if not self.weights:
             return self.known**2
-        top, exp = max(self.weights), math.exp
-        shares = [exp(weight - top) for weight in self.weights]
-        return sum([share * sigma * sigma for share, sigma in zip(shares, self.values, strict=True)]) / sum(shares)
+        shares = list(map(math.exp, self.weights))
+        return sum([share * square for share, square in zip(shares, self.squares, strict=True)]) / sum(shares)
 
     def after(self, innovation: float, others: float, gain: float) -> LearntNoise:
         """After an innovation in which it shows `gain` times; `others` is the variance for all other reasons."""
-        if not self.weights or (self.values[-1] * gain) ** 2 < others:
+        squared = gain * gain
+        if not self.weights or self.squares[-1] * squared < others:
             return self  # uninformative
-        log, squared = math.log, gain * gain
+        log = math.log
         forgotten = 1.0 / self.memory
         keep, power, scaled = 1.0 - forgotten, self.tail + 1.0, innovation * innovation / self.tail
         weights = [
             keep * weight
             + forgotten * prior
-            - 0.5 * (log(S := others + sigma * sigma * squared) + power * log(1.0 + scaled / S))
-            for weight, prior, sigma in zip(self.weights, self.prior, self.values, strict=True)
+            - 0.5 * (log(S := others + square * squared) + power * log(1.0 + scaled / S))
+            for weight, prior, square in zip(self.weights, self.prior, self.squares, strict=True)
         ]
-        top = max(weights)
-        weights = [weight - top for weight in weights]
-        return LearntNoise(self.known, self.values, tuple(weights), self.prior, self.memory, self.tail)
+        return LearntNoise(self.known, self.squares, _normalised(weights), self.prior, self.memory, self.tail)
+
+
+def _normalised(weights: list[float]) -> tuple[float, ...]:
+    """Log-weights of which the largest is zero."""
+    top = max(weights)
+    return tuple([weight - top for weight in weights])

@@ -16,7 +16,7 @@ from fusion.imu.tilt import heading_change
 from fusion.state.clones import Clone
 from fusion.state.ekf import DIM, LASTING, Measurement, State, YawEkf
 from fusion.updates.gating import Gating
-from fusion.updates.image_timing import clone_exposure, exposure_of
+from fusion.updates.image_timing import Exposure, clone_exposure, exposure_of
 
 if TYPE_CHECKING:
     from fusion.state.filter_state import FilterState
@@ -64,13 +64,18 @@ class CompassUpdate:
             slot = self.remember(state, event.sample.t_ref_ns, reference=True)
         increment = _levelled(event.sample, state.clones[slot])
         began_ns = state.turns.start_ns
-        moved = not increment.long_baseline and self._isolation.take_turn(state, increment, slot if known else None)
+        exposure, moved = None, False
+        if not increment.long_baseline:
+            exposure = exposure_of(state)
+            moved = self._isolation.take_turn(state, increment, slot if known else None, exposure)
+            if state.turns.start_ns == event.t_ns:  # a window was judged: gyro and delay may be others now
+                exposure = None
         if moved and began_ns is not None:  # yaws of the window that was taken back, or of the one before, are wrong
             state.clones = state.clones.until(began_ns - WINDOW_NS, but=slot)
         elif not moved:
             _allow_for_refused_gyro(state, event.t_ns)
         state.clones = state.clones.used(slot, event.t_ns)
-        image = self.remember(state, event.t_ns, reference=False)
+        image = self.remember(state, event.t_ns, reference=False, exposure=exposure)
         if increment.long_baseline:
             state.clones = state.clones.kept(slot, image)
         since, until = State.CLONE + slot, State.CLONE + image
@@ -81,12 +86,12 @@ class CompassUpdate:
         witnessed = state.gyro_since_ns is not None and state.gyro_since_ns <= event.sample.t_ref_ns
         witnessed = witnessed and state.hears(Sensor.GYRO)
         rate = float(ekf.x[State.RATE])
-        S = ekf.innovation_variance(measurement)
-        others = max(S - ekf.jitter * rate**2, measurement.R)
-        verdict = self._gating.judge(state, Sensor.COMPASS, measurement, S) if known and not moved else None
+        expected = ekf.expect(measurement)
+        others = max(expected.S - ekf.jitter * rate**2, measurement.R)
+        verdict = self._gating.judge(state, Sensor.COMPASS, measurement, expected) if known and not moved else None
         known_ns = before.gates[Sensor.COMPASS].accepted_ns
         if verdict is Verdict.ACCEPTED and state.paused_ns > (known_ns or event.sample.t_ref_ns):
-            state.turn_count = state.turn_count.after(event.t_ns, measurement.innovation, S)
+            state.turn_count = state.turn_count.after(event.t_ns, measurement.innovation, expected.S)
         if known and not state.isolation.exclusions and not increment.long_baseline and not moved:
             state.jitter = state.jitter.after(measurement.innovation, others, rate)
         if verdict is None or excluded:
@@ -99,11 +104,11 @@ class CompassUpdate:
         else:
             self._isolation.note_refusal(state, increment, measurement, verdict)
 
-    def remember(self, state: FilterState, t_ns: int, *, reference: bool) -> int:
-        """Clone the yaw at the exposure of an image, as a reference or as a candidate for one; return the slot."""
+    def remember(self, state: FilterState, t_ns: int, *, reference: bool, exposure: Exposure | None = None) -> int:
+        """Clone the yaw at the `exposure` of an image, as a reference or as a candidate for one; return the slot."""
         slot = state.clones.slot_of(t_ns)
         if slot is None:
-            slot, exposure = state.clones.next_slot(), exposure_of(state)
+            slot, exposure = state.clones.next_slot(), exposure or exposure_of(state)
             clone_exposure(state.ekf, State.CLONE + slot, exposure)
             up = state.trail.up_at(t_ns - round(exposure.delay * 1e9))
             state.clones = state.clones.put(slot, Clone(t_ns, t_ns, reference, exposure, up))

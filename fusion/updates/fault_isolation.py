@@ -18,7 +18,7 @@ from fusion.checks.windows import BEYOND, LONGEST_WINDOW_NS, SAME_NUMBER, Claim,
 from fusion.config import FusionConfig
 from fusion.state.ekf import Measurement, State
 from fusion.state.filter_state import FilterState
-from fusion.updates.image_timing import GyroTrail, exposure_of
+from fusion.updates.image_timing import Exposure, GyroTrail
 
 JUMPED_BIAS = 0.01  # rad/s; one that has jumped is no longer as its driver had calibrated it; not derived
 
@@ -35,10 +35,9 @@ class FaultIsolation:
     def __init__(self, config: FusionConfig) -> None:
         self._config = config
 
-    def take_turn(self, state: FilterState, increment: YawIncrement, slot: int | None) -> bool:
-        """Compare an increment with what the others say of the same turn; whether the yaw was moved for it."""
+    def take_turn(self, state: FilterState, increment: YawIncrement, slot: int | None, until: Exposure) -> bool:
+        """Compare an increment `until` an image with what the others say of that turn; whether the yaw was moved."""
         ekf = state.ekf
-        until = exposure_of(state)
         clone = state.clones[slot] if slot is not None else None
         since = clone.exposure if clone else until
         timing = ekf.jitter * float(ekf.x[State.RATE]) ** 2

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from fusion.buffer.events import FOREVER_NS, Sensor
 from fusion.checks.gate import Verdict, gate_limit
 from fusion.config import FusionConfig
-from fusion.state.ekf import Measurement
+from fusion.state.ekf import Expectation, Measurement
 
 if TYPE_CHECKING:
     from fusion.state.filter_state import FilterState
@@ -27,16 +27,14 @@ class Gating:
         seconds = dict.fromkeys(Sensor, config.recovery_time) | {Sensor.TRACKS: config.slip_recovery_time}
         self._recovery_ns = {sensor: round(time * 1e9) for sensor, time in seconds.items()}
 
-    def judge(self, state: FilterState, sensor: Sensor, measurement: Measurement, S: float | None = None) -> Verdict:
-        """Pass a measurement through its gate and fuse it if accepted; `S`, its innovation's variance, if known."""
-        if S is None:
-            S = state.ekf.innovation_variance(measurement)
+    def judge(self, state: FilterState, sensor: Sensor, measurement: Measurement, expected: Expectation) -> Verdict:
+        """Pass a measurement, of which the state `expected` that, through its gate and fuse it if accepted."""
         limit, recovery_ns = self.limit, self._recovery_ns[sensor]
         if state.isolation.excludes(sensor) or (sensor is Sensor.TRACKS and state.isolation.alternative(sensor)):
             limit, recovery_ns = -1.0, FOREVER_NS
-        gate = state.gates[sensor].judge(state.t_ns or 0, measurement.innovation, S, limit, recovery_ns)
+        gate = state.gates[sensor].judge(state.t_ns or 0, measurement.innovation, expected.S, limit, recovery_ns)
         state.gates = {**state.gates, sensor: gate}
         verdict = gate.report.verdict if gate.report else Verdict.REJECTED
         if verdict is Verdict.ACCEPTED:
-            state.ekf.correct(measurement)
+            state.ekf.correct(measurement, expected)
         return verdict

@@ -17,7 +17,7 @@ from fusion.config import FusionConfig
 from fusion.imu.tilt import TILT_ERROR, BiasGain
 from fusion.samples import GyroSample
 from fusion.state.bounds import LONGEST_STEP
-from fusion.state.ekf import DIM, TURNING_BLOCK, Measurement, State, YawEkf
+from fusion.state.ekf import DIM, TURNING, Measurement, State, YawEkf
 from fusion.state.process_models import turning
 from fusion.updates.gating import Gating
 
@@ -68,12 +68,12 @@ class GyroUpdate:
         measurement = gyro_measurement(
             state.ekf, sample.yaw_rate, variance, scale_observable=state.hears(Sensor.COMPASS)
         )
-        S = state.ekf.innovation_variance(measurement)
-        prior, accepted_ns = S - measurement.R, refused.accepted_ns
-        if accepted_ns is not None and measurement.innovation**2 > self._gating.limit * S:
+        expected = state.ekf.expect(measurement)
+        prior, accepted_ns = expected.S - measurement.R, refused.accepted_ns
+        if accepted_ns is not None and measurement.innovation**2 > self._gating.limit * expected.S:
             allow_start(state.ekf, (event.t_ns - accepted_ns) * 1e-9)
-            S = state.ekf.innovation_variance(measurement)
-        verdict = self._gating.judge(state, Sensor.GYRO, measurement, S)
+            expected = state.ekf.expect(measurement)
+        verdict = self._gating.judge(state, Sensor.GYRO, measurement, expected)
         if not state.stillness.standing and verdict is Verdict.ACCEPTED:
             walked = math.sqrt(max(prior, 0.0) / state.ekf.rate_walk_scale)
             state.rate_walk_scale = state.rate_walk_scale.after(measurement.innovation, measurement.R, walked)
@@ -87,7 +87,7 @@ class GyroUpdate:
         """After a refusal: the bias has jumped, or the robot turns harder than was to be expected."""
         if verdict is Verdict.RECOVERED:
             # the bias has jumped: open it until the gate is met
-            excess = measurement.innovation**2 / self._gating.limit - state.ekf.innovation_variance(measurement)
+            excess = measurement.innovation**2 / self._gating.limit - state.ekf.expect(measurement).S
             state.ekf.widen(State.BIAS, excess)
             state.agreement = None
             state.ekf.correct(measurement)
@@ -155,4 +155,4 @@ def allow_start(ekf: YawEkf, seconds: float) -> None:
     missing = ekf.config.watched_rate_walk**2 * (1.0 - ekf.rate_walk_scale)
     if missing > 0.0:
         ekf.P = ekf.P.copy()
-        ekf.P[TURNING_BLOCK] += missing * turning(ekf.config.rate_ramp, min(seconds, LONGEST_STEP))[1]
+        ekf.P[TURNING] += missing * turning(ekf.config.rate_ramp, min(seconds, LONGEST_STEP))[1]

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from bisect import bisect_left, bisect_right
+from bisect import bisect_left
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -49,44 +49,47 @@ class Exposure:
     watched: bool = False
 
 
+class TrailPoint(NamedTuple):
+    """A rate (rad/s) that a gyro claimed, the integral (rad) since the first of all, and the vertical then."""
+
+    t_ns: int
+    rate: float
+    turn: float
+    up: Vector | None
+
+
 @dataclass(frozen=True, slots=True)
 class GyroTrail:
-    """The rates (rad/s) that a gyro claimed lately, their integral (rad) since the first of all, and the vertical then.
+    """What a gyro claimed lately; between two samples the rate changes linearly, after the last it stays."""
 
-    Between two samples the rate changes linearly, after the last it stays.
-    """
-
-    t_ns: tuple[int, ...] = ()
-    rates: tuple[float, ...] = ()
-    turns: tuple[float, ...] = ()
-    ups: tuple[Vector | None, ...] = ()
+    points: tuple[TrailPoint, ...] = ()
 
     def add(self, sample: GyroSample) -> GyroTrail:
         """With one more sample, not older than the last."""
-        t_ns, rate, up = sample.t_ns, sample.yaw_rate, sample.up
-        if not self.t_ns:
-            return GyroTrail((t_ns,), (rate,), (0.0,), (up,))
-        first = bisect_left(self.t_ns, t_ns - TRAIL_NS)
-        turn = self.turns[-1] + 0.5 * (self.rates[-1] + rate) * (t_ns - self.t_ns[-1]) * 1e-9
-        return GyroTrail(
-            (*self.t_ns[first:], t_ns),
-            (*self.rates[first:], rate),
-            (*self.turns[first:], turn),
-            (*self.ups[first:], up),
-        )
+        t_ns, rate, turn = sample.t_ns, sample.yaw_rate, 0.0
+        if self.points:
+            last = self.points[-1]
+            turn = last.turn + 0.5 * (last.rate + rate) * (t_ns - last.t_ns) * 1e-9
+        return GyroTrail((*self.points[self._place(t_ns - TRAIL_NS) :], TrailPoint(t_ns, rate, turn, sample.up)))
+
+    def _place(self, t_ns: int) -> int:
+        """Where the first point is that is not before a time."""
+        return bisect_left(self.points, (t_ns,))
 
     def up_at(self, t_ns: int) -> Vector | None:
         """The vertical in the robot's frame at a time, from the next sample; None where none was near."""
-        i = min(bisect_left(self.t_ns, t_ns), len(self.t_ns) - 1)
-        return self.ups[i] if i >= 0 and abs(self.t_ns[i] - t_ns) <= NEAR_NS else None
+        i = min(self._place(t_ns), len(self.points) - 1)
+        return self.points[i].up if i >= 0 and abs(self.points[i].t_ns - t_ns) <= NEAR_NS else None
 
     def turn_at(self, t_ns: int) -> float:
         """The integral at a time; the first rate is held before the first sample, the last after the last."""
-        i = max(bisect_right(self.t_ns, t_ns) - 1, 0)
-        rate, seconds, slope = self.rates[i], (t_ns - self.t_ns[i]) * 1e-9, 0.0
-        if seconds > 0.0 and i + 1 < len(self.t_ns):
-            slope = (self.rates[i + 1] - rate) / ((self.t_ns[i + 1] - self.t_ns[i]) * 1e-9)
-        return self.turns[i] + (rate + 0.5 * slope * seconds) * seconds
+        i = max(self._place(t_ns + 1) - 1, 0)
+        point, slope = self.points[i], 0.0
+        seconds = (t_ns - point.t_ns) * 1e-9
+        if seconds > 0.0 and i + 1 < len(self.points):
+            after = self.points[i + 1]
+            slope = (after.rate - point.rate) / ((after.t_ns - point.t_ns) * 1e-9)
+        return point.turn + (point.rate + 0.5 * slope * seconds) * seconds
 
     def exposure(self, t_ns: int, delay: float, variance: float, noise: float) -> Exposure:
         """What the gyro, whose samples' noise has the variance `noise`, says of an image stamped `t_ns`.
@@ -108,7 +111,9 @@ def exposure_of(state: FilterState) -> Exposure:
     """What happened between the exposure of an image stamped at present, and now."""
     if state.stillness.standing:
         return Exposure()
-    return exposure(state.ekf, state.t_ns or 0, state.trail if state.trail.t_ns and state.hears(Sensor.GYRO) else None)
+    return exposure(
+        state.ekf, state.t_ns or 0, state.trail if state.trail.points and state.hears(Sensor.GYRO) else None
+    )
 
 
 def exposure(ekf: YawEkf, t_ns: int, trail: GyroTrail | None) -> Exposure:

@@ -20,7 +20,7 @@ from fusion.checks.turn_count import TurnCount
 from fusion.config import FusionConfig
 from fusion.imu.tilt import heading_gain
 from fusion.samples import OdometrySample
-from fusion.state.ekf import DIM, Measurement, State, YawEkf
+from fusion.state.ekf import DIM, Expectation, Measurement, State, YawEkf
 from fusion.state.learnt_noise import LearntNoise
 from fusion.updates.gating import Gating
 
@@ -141,11 +141,11 @@ class OdometryUpdate:
             noise = ekf.slip_speed * config.track_noise**2 * seconds + jerk**2
             measurement = tracks_measurement(ekf, turn, noise, modulo_turn=modulo_turn, alone=alone)
             # across a gap in which it may have turned round poses tell nothing: their full turn is not its own
-            S = ekf.innovation_variance(measurement)
+            expected = ekf.expect(measurement)
             paused = modulo_turn and state.paused_ns > tracks.reference.t_ns
-            if not paused or TurnCount().after(event.t_ns, measurement.innovation, S).since_ns is None:
+            if not paused or TurnCount().after(event.t_ns, measurement.innovation, expected.S).since_ns is None:
                 fastest = max(sample.yaw_rate, turn / seconds, key=abs)
-                self._judge(state, measurement, fastest, seconds, alone=alone)
+                self._judge(state, measurement, expected, fastest, seconds, alone=alone)
             state.tracks = TrackClaim(sample, sample, 0.0)
             refer_tracks(ekf)
         else:
@@ -154,12 +154,21 @@ class OdometryUpdate:
         note_slip(ekf, sample.yaw_rate, sample.speed)
 
     def _judge(
-        self, state: FilterState, measurement: Measurement, fastest: float, seconds: float, *, alone: bool
+        self,
+        state: FilterState,
+        measurement: Measurement,
+        expected: Expectation,
+        fastest: float,
+        seconds: float,
+        *,
+        alone: bool,
     ) -> None:
         """Pass a turn over `seconds`, at most at `fastest` rad/s, through the gate, and learn how it slipped."""
         ekf, config = state.ekf, self._config
-        learnt = learnt_slip(ekf, (state.slip_turn, state.slip_speed), measurement, fastest, seconds)
-        verdict = self._gating.judge(state, Sensor.TRACKS, measurement)
+        learnt = learnt_slip(
+            ekf, (state.slip_turn, state.slip_speed), measurement.innovation, expected.S, fastest, seconds
+        )
+        verdict = self._gating.judge(state, Sensor.TRACKS, measurement, expected)
         if not alone and verdict is Verdict.ACCEPTED:
             state.slip_turn, state.slip_speed = learnt
         elif verdict is Verdict.RECOVERED:
@@ -217,13 +226,14 @@ def note_slip(ekf: YawEkf, yaw_rate: float, speed: float) -> None:
 
 
 def learnt_slip(
-    ekf: YawEkf, known: tuple[LearntNoise, LearntNoise], measurement: Measurement, yaw_rate: float, seconds: float
+    ekf: YawEkf, known: tuple[LearntNoise, LearntNoise], innovation: float, S: float, yaw_rate: float, seconds: float
 ) -> tuple[LearntNoise, LearntNoise]:
     """How the tracks slip by turning and by driving, after a turn over `seconds`, at most at `yaw_rate`, rad/s.
 
-    What slip gives to the innovation's variance is split as it is configured, at the factors known so far.
+    `innovation` and its variance `S` are that turn's. What slip gives to the variance is split as it is configured, at
+    the factors known so far.
     """
-    config, S = ekf.config, ekf.innovation_variance(measurement)
+    config = ekf.config
     white = config.track_noise**2 * seconds
     lasting = config.slip_time * seconds  # of an integral over slip, but for a constant that cancels
     turning = (config.track_slip_turn * yaw_rate) ** 2 * lasting
@@ -235,6 +245,6 @@ def learnt_slip(
     others = max(S - slipped, LEAST_OTHERS * S)
     by_turn, by_speed = known
     return (
-        by_turn.after(measurement.innovation, others + ekf.slip_speed * driving, math.sqrt(turning)),
-        by_speed.after(measurement.innovation, others + ekf.slip_turn * turning, math.sqrt(driving)),
+        by_turn.after(innovation, others + ekf.slip_speed * driving, math.sqrt(turning)),
+        by_speed.after(innovation, others + ekf.slip_turn * turning, math.sqrt(driving)),
     )

@@ -12,6 +12,7 @@ from __future__ import annotations
 import argparse
 import math
 from collections.abc import Callable
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 
@@ -103,7 +104,7 @@ def measured_by_compass(method: str, frames: list[np.ndarray]) -> tuple[float, n
     for repeat in range(REPEATS):
         compass, yaws = VisualCompass(CompassConfig(method=method)), []
         for index, frame in enumerate(frames):
-            times[repeat, index] = duration(lambda index=index, frame=frame: compass.update(index * FRAME_NS, frame))  # noqa: B023
+            times[repeat, index] = duration(partial(compass.update, index * FRAME_NS, frame))
             yaws.append(compass.yaw)
     return float(np.median(times.min(axis=0)[1:])), np.diff(yaws)
 

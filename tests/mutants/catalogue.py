@@ -373,8 +373,8 @@ MUTANTS = (
     Mutant(
         "exposure-by-rectangles",
         "fusion/updates/image_timing.py",
-        "self.turns[-1] + 0.5 * (self.rates[-1] + rate)",
-        "self.turns[-1] + 1.0 * (rate)",
+        "last.turn + 0.5 * (last.rate + rate)",
+        "last.turn + 1.0 * rate",
         _tests("test_image_timing::test_trail_integrates_the_rate_and_holds_the_last"),
     ),
     Mutant(

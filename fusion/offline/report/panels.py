@@ -15,7 +15,6 @@ from fusion.offline.scores import COMPASS, FUSED, GYRO, TRACKS, YawTrack
 from fusion.offline.streams import Floats, Times
 
 if TYPE_CHECKING:
-    from bokeh.models import Range1d
     from bokeh.plotting import figure as Figure  # noqa: N812
 
 MOST_POINTS = 10_000  # per curve, of which a jump of one sample is never left out; 120 kB on the page
@@ -38,7 +37,7 @@ class Panels:
         self.run, self.start_ns = run, run.rows[0].t_ns
         last = max(float(self._seconds(run.t_ns)[-1]), 1e-3)
         margin = 0.01 * last
-        self.x_range: Range1d = Range1d(-margin, last + margin, bounds=(-last, 2.0 * last))
+        self.x_range = Range1d(-margin, last + margin, bounds=(-last, 2.0 * last))
         self.figures: list[Figure] = []
         self._scaled: set[Figure] = set()  # those with limits, or with a number that tells some
 
