@@ -118,6 +118,8 @@ class Fit(Start):
         Its negative curvature there, rad^-2.
     slopes : (k, 5, n) array
         Of each corner's share of it, 1/rad.
+    jacobian, weights : (k, 5, 2 n), (k, 2 n) arrays
+        Change of the residuals along and across, in turn, with the state; what each weighs in the precision, rad^-2.
     inlier : (k, n) array
         Probability of being none of the outliers.
     off : (k, n) complex array
@@ -131,6 +133,8 @@ class Fit(Start):
     log_posterior: Floats
     precision: Floats
     slopes: Floats
+    jacobian: Floats
+    weights: Floats
     inlier: Floats
     off: Complexes
     along: Floats
@@ -200,8 +204,8 @@ def ascend(problem: Problem, start: Start, extra: Floats, pushed: bool = True) -
         weights[..., 0] /= var_along
         forces[..., 1], weights[..., 1] = -across * lines.across, across
         # what is not known of the corners' own scales takes its share of the information (Lange et al. 1989)
+        weights *= (FREEDOM + 1.0) / (FREEDOM + 3.0)
         precision = (jacobian * weights.reshape(len(states), 1, -1)) @ jacobian.transpose(0, 2, 1)
-        precision *= (FREEDOM + 1.0) / (FREEDOM + 3.0)
         precision += least_precision
         if beyond is None:
             break
@@ -219,7 +223,9 @@ def ascend(problem: Problem, start: Start, extra: Floats, pushed: bool = True) -
     log_posterior = np.log(total).sum(axis=1)
     log_posterior -= 0.5 * (problem.prior_precision * (states - problem.prior_mean) ** 2).sum(axis=1)
     slopes = (jacobian.reshape(len(states), 5, -1, 2) * forces[:, None]).sum(axis=3)
-    return Fit(states, shares, noise, log_posterior, precision, slopes, inlier, lines.off, lines.along, sigma)
+    weights = weights.reshape(len(states), -1)
+    seen = inlier, lines.off, lines.along, sigma
+    return Fit(states, shares, noise, log_posterior, precision, slopes, jacobian, weights, *seen)
 
 
 class _Lines:

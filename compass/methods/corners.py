@@ -110,6 +110,7 @@ class CornerTracker:
             motion = old.motion
             state = motion.start.states[0]
             motion.start.states = np.array([[0.0, 0.0, 0.0, state[DIRECTION] - state[YAW], state[CLIMB]]])
+            motion.start.noise = np.ones(1)
         self._keyframe = Keyframe(picture, patches, tangents, patches.at, patches.at, np.zeros_like(patches.at), motion)
         return self._keyframe
 
