@@ -87,7 +87,8 @@ def plot_run(run: FusedRun, path: Path, title: str) -> None:
     axes[-1].set_xlim(0.0, max(float(clock(run.t_ns)[-1]), 1e-3))
     shade_warnings(axes, run.warnings, run.rows[0].t_ns)
     # No legend is cut off; "tight" would mean the same, and draw everything once more to find out.
-    figure.savefig(path, bbox_inches=figure.get_tightbbox(canvas.get_renderer()).padded(0.1))
+    renderer = canvas.get_renderer()  # type: ignore[no-untyped-call]
+    figure.savefig(path, bbox_inches=figure.get_tightbbox(renderer).padded(0.1))
 
 
 def _panels(run: FusedRun) -> list[Panel]:
