@@ -128,7 +128,8 @@ def yaw_variance(fit: Fit, sector: Index, travels: bool) -> float:
     sectors = sectors[:, sectors.any(axis=0)].astype(np.float64)  # (n, those that show a corner)
     slopes = fit.slopes[0, :used] @ sectors
     jacobian = fit.jacobian[0, :used]
-    shares = (jacobian[:, None] * jacobian * fit.weights[0]).reshape(used, used, -1, 2).sum(axis=3) @ sectors
+    information = (jacobian * fit.weights[0])[:, None] * jacobian
+    shares = (information[..., ::2] + information[..., 1::2]) @ sectors
     without = fit.precision[0, :used, :used] - shares.transpose(2, 0, 1)
     change = np.linalg.solve(without, slopes.T[..., None])[:, 0, 0]
     return float(change @ change) * (1.0 - 1.0 / max(change.size, 1)) + fit.ambiguity

@@ -222,7 +222,8 @@ def ascend(problem: Problem, start: Start, extra: Floats, pushed: bool = True) -
             noise = noise * left / np.maximum(inlier.sum(axis=1) - free, 1.0)
     log_posterior = np.log(total).sum(axis=1)
     log_posterior -= 0.5 * (problem.prior_precision * (states - problem.prior_mean) ** 2).sum(axis=1)
-    slopes = (jacobian.reshape(len(states), 5, -1, 2) * forces[:, None]).sum(axis=3)
+    pulls = jacobian * forces.reshape(len(states), 1, -1)
+    slopes = pulls[..., ::2] + pulls[..., 1::2]
     weights = weights.reshape(len(states), -1)
     seen = inlier, lines.off, lines.along, sigma
     return Fit(states, shares, noise, log_posterior, precision, slopes, jacobian, weights, *seen)
