@@ -27,6 +27,7 @@ from fusion.buffer.replay import Arrival, Timeline
 from fusion.checks.faulty import FaultWatch
 from fusion.checks.gaps import GapWatch
 from fusion.checks.gate import SensorReport
+from fusion.checks.lead import LeadWatch
 from fusion.checks.silence import PERIODS, SilenceWatch
 from fusion.checks.stamps import ABANDONED_NS, BACKLOG_NS, LONE_NS, ClockWatch, Elsewhen, StampSequence, confirmed
 from fusion.checks.warnings import Warning, most_serious_first
@@ -71,7 +72,7 @@ class YawFusion:
         self._gaps: dict[Sensor, int] = {}  # between its last two
         self._sequences = {sensor: StampSequence(sensor) for sensor in (Sensor.GYRO, Sensor.TRACKS)}
         self._clocks, self._silence, self._pauses = ClockWatch(), SilenceWatch(), GapWatch()
-        self._faults = FaultWatch()
+        self._faults, self._leads = FaultWatch(), LeadWatch()
         self._beginning: list[Sample] | None = []  # until it is confirmed
 
     def add(self, sample: Sample) -> bool:
@@ -94,15 +95,30 @@ class YawFusion:
         newest_ns = self._timeline.newest_ns
         if newest_ns is not None and sample.t_ns < newest_ns - self._lag_ns:
             return self._too_old(sample, newest_ns)
+        if newest_ns is not None and self._leads.holds(sample):
+            self._refuse(sample, f"{sensor.value}: far ahead of all others")
+            if self._leads.opposed:
+                self._clocks.mismatch(sensor, sample.t_ns, newest_ns)
+            return self._take_all(self._leads.deserted()) and self._catch_up()
         if newest_ns is not None and sample.t_ns > newest_ns + self._reach_of(sensor):
             return self._wait(sample, newest_ns)
         for other in (self._ahead, self._behind):
             other.opposed(sensor, newest_ns or 0)
         self._clocks.well(sensor)
         taken = self._take(sample)
-        for waiting in self._ahead.caught_up((self._timeline.newest_ns or 0) + self._reach_ns):
-            self._take(waiting)
+        self._catch_up()
         return taken
+
+    def _catch_up(self) -> bool:
+        """Take samples that were ahead and are so no more; always True."""
+        self._take_all(self._ahead.caught_up((self._timeline.newest_ns or 0) + self._reach_ns))
+        return True
+
+    def _take_all(self, samples: list[Sample]) -> bool:
+        """Take samples that have waited; whether there were any."""
+        for sample in samples:
+            self._take(sample)
+        return bool(samples)
 
     def _reach_of(self, sensor: Sensor) -> int:
         """How far ahead of all others a sample is believed, ns; the only sensor there is keeps to its own pace."""
@@ -111,9 +127,9 @@ class YawFusion:
 
     def flush(self) -> None:
         """Take in what still waits to be confirmed and was never contradicted: no more samples will come."""
+        self._take_all(self._leads.deserted(at_end=True))
         if self._ahead.samples and not self._ahead.against:
-            for sample in self._ahead.leave(ABANDONED_NS):
-                self._take(sample)
+            self._take_all(self._ahead.leave(ABANDONED_NS))
 
     def _too_old(self, sample: Sample, newest_ns: int) -> bool:
         """Refuse a sample that is older than the lag window, unless time itself has jumped back."""
@@ -132,9 +148,7 @@ class YawFusion:
         self._restart(self._filter.start if wrong else self._filter.lost(self._timeline.state, UNKNOWN_TURN))
         if not wrong:
             self._pauses.jumped(newest_ns, group[0].t_ns)
-        for one in group:
-            self._take(one)
-        return True
+        return self._take_all(group)
 
     def _wait(self, sample: Sample, newest_ns: int) -> bool:
         """Let a sample wait that is far ahead; False as long as no other confirms it."""
@@ -148,9 +162,7 @@ class YawFusion:
         if self._began_elsewhen(group, newest_ns):
             self.reset()
         self._clocks = ClockWatch()
-        for one in group:
-            self._take(one)
-        return True
+        return self._take_all(group)
 
     def _began_elsewhen(self, group: list[Sample], newest_ns: int) -> bool:
         """Whether all before these samples of another time was a wrong stamp at the very start, or a foreign clock.
@@ -184,6 +196,7 @@ class YawFusion:
         self._silence.hear(sensor, sample.t_ns)
         self._pauses.hear(sample.t_ns, sample.t_ref_ns if isinstance(sample, YawIncrement) else None)
         self.counts[f"{sensor.value}: {'late' if arrival is Arrival.LATE else 'in order'}"] += 1
+        self._take_all(self._leads.hear(sensor, sample.t_ns))
         return True
 
     def _references_of(self, increment: YawIncrement) -> list[FusionEvent]:

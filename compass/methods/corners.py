@@ -110,6 +110,7 @@ class CornerTracker:
             motion = old.motion
             state = motion.start.states[0]
             motion.start.states = np.array([[0.0, 0.0, 0.0, state[DIRECTION] - state[YAW], state[CLIMB]]])
+            motion.start.noise = np.ones(1)
         self._keyframe = Keyframe(picture, patches, tangents, patches.at, patches.at, np.zeros_like(patches.at), motion)
         return self._keyframe
 
@@ -175,7 +176,7 @@ def _tracked(
     predicted = projection.pixels(rotation @ key.tangents.ahead) - key.patches.centre
     rotated = predicted - key.predicted
     expected = key.last + np.stack([signed(rotated[:, 0], now.columns), rotated[:, 1]], axis=1)
-    steady = not key.motion.is_unknown and quantile(np.abs(key.pace).max(axis=1), 0.9) < STEADY_PX
+    steady = not key.motion.is_unknown and quantile(np.maximum(*np.abs(key.pace).T), 0.9) < STEADY_PX
     guess = expected + key.pace if steady else expected
     tracks = track(key.picture, key.patches, now, guess.astype(np.float32), 0 if steady else 1)
     if now.clear is not None:
