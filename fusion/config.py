@@ -55,6 +55,9 @@ class FusionConfig(ParameterSet):
         0.00002, "random walk of the gyro bias: its standard deviation after one second", unit="rad/s/sqrt(s)",
         low=0.0, high=1.0,
     )  # fmt: skip
+    bias_walk_factor: float = parameter(
+        2.5, "1-sigma factor of the prior on it; > 1 estimates it online, 1 keeps it", low=1.0, high=10.0
+    )
     gyro_scale_sigma: float = parameter(
         0.008, "error of the gyro's scale factor to expect, standard deviation", low=0.0, high=0.5
     )

@@ -23,6 +23,7 @@ from fusion.checks.diagnosis import adds_up
 from fusion.checks.silence import RATE_SILENT_NS
 from fusion.config import FusionConfig
 from fusion.state.bias_prior import BiasPrior
+from fusion.state.bias_walk import BiasWalk
 from fusion.state.ekf import YAWS, Correction, State, Transition, YawEkf
 from fusion.state.filter_state import FilterState, believed
 from fusion.state.learnt_noise import LearntNoise
@@ -62,6 +63,7 @@ class YawFilter:
             YawEkf(config),
             aided_yaw=config.initial_yaw,
             agreement=BiasPrior(sigmas, least) if min(sigmas) > 0.0 and not closed else None,
+            bias_walk=BiasWalk.about(config.bias_walk, config.bias_walk_factor),
             jitter=LearntNoise.jitter(config.compass_timing, config.compass_timing_factor),
             rate_walk_scale=LearntNoise.factor(config.rate_walk_factor, GYRO_MEMORY),
             slip_turn=slip,

@@ -22,7 +22,7 @@ DRIVES = 100
 STARTS = [math.radians(d) for d in (0.0, 60.0, 180.0, -120.0)] + [math.pi - 1e-6, 1e-6 - math.pi]
 
 
-def modelled(seed, *, rate_walk_factor=1.0, slip_factor=1.0, **fields):
+def modelled(seed, *, rate_walk_factor=1.0, bias_walk_factor=1.0, slip_factor=1.0, **fields):
     """Of a filter that a drawn drive obeys, and whose gate is open: a gated innovation is a truncated one."""
     return FusionConfig(
         gate_probability=1.0 - 1e-12,
@@ -34,6 +34,7 @@ def modelled(seed, *, rate_walk_factor=1.0, slip_factor=1.0, **fields):
         initial_yaw=STARTS[seed % len(STARTS)],
         watched_rate_walk=FusionConfig().rate_walk,  # the drawn robot moves alike whether a gyro watches or not
         rate_walk_factor=rate_walk_factor,
+        bias_walk_factor=bias_walk_factor,
         slip_factor=slip_factor,
         gyro_scale_sigma=0.0,  # without a compass its part is in the estimate's variance, not in the state's
         **fields,

@@ -143,6 +143,7 @@ class YawEkf(ExtendedKalmanFilter):
     slip_sigma: float  # rad/s, standard deviation of the passing error they have at that
     jitter: float  # s^2, variance of the images' timestamp jitter
     rate_walk_scale: float  # squared factor of `watched_rate_walk`, learnt
+    bias_walk_scale: float  # that of `bias_walk`
     slip_turn: float  # squared factor of `track_slip_turn`, learnt
     slip_speed: float  # that of `track_slip_speed` and `track_noise`
 
@@ -166,7 +167,7 @@ class YawEkf(ExtendedKalmanFilter):
         self.P[np.ix_(YAWS, YAWS)] = config.initial_yaw_sigma**2
         self.track_speed = self.slip_sigma = 0.0
         self.jitter = config.compass_timing**2
-        self.rate_walk_scale = self.slip_turn = self.slip_speed = 1.0
+        self.rate_walk_scale = self.bias_walk_scale = self.slip_turn = self.slip_speed = 1.0
         self.tape: list[Transition | Correction] | None = None  # notes every step where somebody listens
 
     def fork(self, tape: list[Transition | Correction] | None) -> YawEkf:
@@ -211,7 +212,8 @@ class YawEkf(ExtendedKalmanFilter):
         else:
             F[TURNING], noise = turning(ramp, dt)
             Q[TURNING] = q * noise
-        Q[State.BIAS, State.BIAS] = Q[State.CROSS_BIAS, State.CROSS_BIAS] = config.bias_walk**2 * dt
+        Q[State.BIAS, State.BIAS] = config.bias_walk**2 * self.bias_walk_scale * dt
+        Q[State.CROSS_BIAS, State.CROSS_BIAS] = config.bias_walk**2 * dt
         Q[State.SCALE, State.SCALE] = config.scale_walk**2 * dt
         Q[State.CAMERA_DELAY, State.CAMERA_DELAY] = DELAY_WALK**2 * self.jitter * dt
         F[State.TRACK_ERROR, State.VEER] = self.track_speed * dt

@@ -20,6 +20,7 @@ from fusion.checks.windows import SAME_NUMBER, Turns
 from fusion.imu.tilt import BiasGain
 from fusion.samples import YawEstimate
 from fusion.state.bias_prior import BiasPrior
+from fusion.state.bias_walk import BiasWalk
 from fusion.state.clones import Clones
 from fusion.state.ekf import Array, Correction, State, Transition, YawEkf
 from fusion.state.learnt_noise import LearntNoise
@@ -79,6 +80,8 @@ class FilterState:
         has turned for minutes, but its yaw does not jump.
     agreement : BiasPrior or None
         What is known beforehand of the gyro's bias and the tracks' veer; None once a bias has jumped.
+    bias_walk : BiasWalk
+        How fast the gyro's bias walks.
     jitter : LearntNoise
         Timestamp jitter of the images, s.
     rate_walk_scale, slip_turn, slip_speed : LearntNoise
@@ -108,6 +111,7 @@ class FilterState:
     aided_yaw: float = 0.0
     yaw_lead: float = 0.0
     agreement: BiasPrior | None = None
+    bias_walk: BiasWalk = field(default_factory=lambda: BiasWalk(0.0))
     jitter: LearntNoise = field(default_factory=lambda: LearntNoise(0.0))
     rate_walk_scale: LearntNoise = field(default_factory=lambda: LearntNoise(1.0))
     slip_turn: LearntNoise = field(default_factory=lambda: LearntNoise(1.0))
@@ -128,6 +132,7 @@ class FilterState:
         state = self._copy()
         state.ekf = self.ekf.fork(tape)
         state.ekf.jitter, state.ekf.rate_walk_scale = self.jitter.variance, self.rate_walk_scale.variance
+        state.ekf.bias_walk_scale = self.bias_walk.scale
         state.ekf.slip_turn, state.ekf.slip_speed = self.slip_turn.variance, self.slip_speed.variance
         return state
 

@@ -9,6 +9,7 @@ from compass import YawIncrement
 from fusion.buffer.events import Sensor
 from fusion.checks.alternative import ALTERNATIVE_PROBABILITY, FOUND_AGAIN_PROBABILITY, Alternative
 from fusion.checks.claims import gyro_claim, tracks_claim
+from fusion.checks.contradiction import contradict
 from fusion.checks.diagnosis import warnings_of
 from fusion.checks.gate import Verdict
 from fusion.checks.isolation import Remedy
@@ -55,6 +56,10 @@ class FaultIsolation:
         joined = increment is None or (turns.compass is not None and turns.compass.start_ns == start_ns)
         if joined and 0 < t_ns - start_ns <= LONGEST_WINDOW_NS:
             window, bias = self._window(state, start_ns), turns.start.bias
+            if state.isolation.contradicting.isdisjoint((Sensor.GYRO, Sensor.COMPASS)) and not contradict(
+                window.gyro, window.compass, window.seconds
+            ):
+                state.bias_walk = state.bias_walk.after(window, turns.start)
             state.isolation, remedy = judge(state.isolation, window, bias)
             moved = self._apply(state, remedy)
             state.warnings = warnings_of(state.isolation)
