@@ -22,7 +22,7 @@ from compass.features.motion import DIRECTIONS, FIRST_PX, NEXT_PX, ambiguity, ya
 from compass.features.padded_strip import MARGIN, Picture
 from compass.features.patch_alignment import align
 from compass.features.points import sectors_of
-from compass.features.prior import DISAGREE, FEWEST, GAP, LOCK_PX, imu_tilt, precision_of, tilt_error
+from compass.features.prior import DISAGREE, FEWEST, LOCK_PX, ONE_SIDED, imu_tilt, precision_of, tilt_error
 from compass.features.relative_pose import INLIER, Motion, evidence, find_motion, misses
 from compass.features.solver import DIRECTION, ROTATION, YAW, Fit, Problem, Start, ascend, even_shares
 from compass.features.tracking import MIN_LIKENESS
@@ -212,7 +212,7 @@ def match_landmarks(reference: Strip, current: Strip, search: Search) -> Match:
 
 def _sees_one_side(strip: Strip) -> bool:
     """Whether the camera itself shows so little of the circle that travel over metres may look like any turn."""
-    return strip.seen is not None and strip.seen.widest_hidden > GAP
+    return strip.seen is not None and strip.seen.widest_hidden > ONE_SIDED
 
 
 def _sharpened(views: Views, pairs: Indices, rough: Fit, mean: Floats, yaw_sigma: float = math.inf) -> Match | None:
