@@ -16,9 +16,9 @@ DIRECTIONS = 6  # of travel that are tried where none is known: a basin of attra
 # Of the corners must be inliers for a motion to be taken without trying others, a turn without travel, too. With 0.8,
 # 0.9 and 0.95 increments of six tuned drives err by 0.0055, 0.0048 and 0.0048 deg RMS, in 2.3, 2.7 and 2.9 ms.
 AGREE = 0.9
-# Deviations by which some direction of travel may explain a turn's residuals better than none. Of photographs that only
-# turned (apartment, city, forest; noise 2 to 8) none reached 7; the first image of a drive has 16 or more.
-PARALLAX = 8.0
+# Deviations by which some direction of travel may explain a turn's residuals better than none: as many as two answers
+# may differ by, neighbours erring together. The first image of a drive has 16 or more.
+PARALLAX = DISAGREE / math.sqrt(INDEPENDENT)
 # Deviations added to the noise from round to round, columns, each a quarter of the one before; the last rounds are
 # without. A first start lies some columns off, one from the image before a part of one.
 FIRST_PX = np.array([2.0, 0.5, 0.125, 0.03125, 0.0, 0.0])

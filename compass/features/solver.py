@@ -24,8 +24,6 @@ FREEDOM = 3.0  # degrees of freedom of the t: 2 to 5 differ by a tenth in the ya
 MEANS_PX = np.array([0.3, 2.0, 12.0])  # of the parallaxes, columns: from what noise hides to a keyframe's end
 AT_INFINITY, OUTLIER = 0, MEANS_PX.size + 1  # components of the mixture: no parallax, and none of all
 SPREAD_PX = 20.0  # to either side, over which outliers lie evenly; not derived
-PSEUDO_COUNT = 1.0  # corners of each component beforehand: a flat Dirichlet prior
-LONGEST_STEP = np.array([0.05, 0.03, 0.03, 0.6, 0.1])  # rad, of each of the state in one round; not derived
 LEAST_PX = 1e-6  # standard deviation of a corner where two images are the same to the last bit: no division by zero
 MIN_PRECISION = 1e-3  # rad^-2, keeps the precision of what is unobservable from being singular
 MIN_SINE = 0.02  # of the angle from the travel below which a corner's epipolar line is not known; not derived
@@ -213,8 +211,8 @@ def ascend(problem: Problem, start: Start, extra: Floats, pushed: bool = True) -
             states - problem.prior_mean
         )
         change = np.linalg.solve(precision, gradient[..., None])[..., 0]
-        states = states + np.maximum(np.minimum(change, LONGEST_STEP), -LONGEST_STEP)
-        shares = parts.sum(axis=2).T + PSEUDO_COUNT
+        states = states + change
+        shares = parts.sum(axis=2).T + 1.0  # the posterior mean of a flat Dirichlet prior
         shares /= shares.sum(axis=1, keepdims=True)
         if not beyond:
             free = 5.0 if pushed else 3.0
