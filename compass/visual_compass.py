@@ -14,7 +14,7 @@ from compass.config import CompassConfig
 from compass.errors import VisualCompassError
 from compass.features.long_baseline import Comparison, LongBaselines, View
 from compass.features.matching import match_landmarks
-from compass.history import ImageHistory
+from compass.history import SECOND_NS, ImageHistory
 from compass.images.decode import Image
 from compass.images.full_circle import CircleCheck
 from compass.images.mask import load_mask
@@ -31,10 +31,9 @@ from compass.unmeasured_turn import LostTurn, LostTurns
 UpAt = Callable[[int], Vector | None]
 
 MIN_TEXTURE = 1.1  # grey values of 255; camera noise of 4 alone leaves 0.9 at 1024 columns
-FROZEN_NS = 500_000_000  # a camera never gives the very same image for so long; a video may, frame by frame
+FROZEN_NS = SECOND_NS // 2  # a camera never gives the very same image for so long; a video may, frame by frame
 
 SEEK_NS = 300_000_000  # a view so old is sought by its corners, and so often: it takes as long as ten comparisons
-GIVE_UP_NS = 1_000_000_000  # a view that matches no keyframe for so long is a new one
 
 
 class VisualCompass:
@@ -284,7 +283,7 @@ class VisualCompass:
         """After a while of images that match nothing the place is taken to be another one."""
         if self._unmatched_since_ns is None:
             self._unmatched_since_ns = strip.t_ns
-        elif strip.t_ns - self._unmatched_since_ns > GIVE_UP_NS:
+        elif strip.t_ns - self._unmatched_since_ns > SECOND_NS:  # such a view is a new one
             self._start_from(strip)
 
     def _accept(self, keyframe: View, strip: Strip, match: Match) -> YawIncrement:

@@ -201,20 +201,26 @@ class YawFusion:
 
     def _references_of(self, increment: YawIncrement) -> list[FusionEvent]:
         """What gives the filter the yaw at an increment's reference, as far as it may go back for that."""
-        references: list[FusionEvent] = []
         first = self._timeline.newest_ns is None  # then there is no yaw but the initial one, which it had then
-        before = self._last_increments.get(increment.long_baseline)
-        if before is not None and increment.t_ns < before.t_ns:
-            # it comes between others: those after it may have counted on the one before it
-            for later in self._timeline.after(increment.t_ns):
-                if isinstance(later, CompassEvent) and later.sample.t_ref_ns < increment.t_ns:
-                    references.append(reference_of(later.sample))
-            before = None
-        elif before is None or increment.t_ns > before.t_ns:
+        before, after = self._last_increments.get(increment.long_baseline), None
+        if before is None or increment.t_ns > before.t_ns:
             self._last_increments[increment.long_baseline] = increment
-        if first or needs_reference(increment, before, self._reference_ns):
-            references.append(reference_of(increment))
-        return references
+        else:  # it comes between others: the one after it counted on the one before it
+            before, after = self._neighbours(increment)
+        needed = [increment] if first or needs_reference(increment, before, self._reference_ns) else []
+        if after is not None and needs_reference(after, increment, self._reference_ns):
+            needed.append(after)
+        return [reference_of(one) for one in needed]
+
+    def _neighbours(self, increment: YawIncrement) -> tuple[YawIncrement | None, YawIncrement | None]:
+        """The increments of its kind that come before and after one."""
+        before = None
+        for event in self._timeline.after(-1):
+            if isinstance(event, CompassEvent) and event.sample.long_baseline == increment.long_baseline:
+                if event.t_ns > increment.t_ns:
+                    return before, event.sample
+                before = event.sample
+        return before, None
 
     def set_yaw(self, heading: float, variance: float) -> None:
         """Say what the yaw is now, modulo a turn (rad, variance rad^2): the turn count and all references stay.

@@ -11,8 +11,9 @@ import pytest
 from panoramas import START_NS, as_bytes, compare, scene, seen_from, shifted, show
 
 from compass import CompassConfig, CompassStatus, ConfigError, VisualCompass
-from compass.images.mask import MARGIN_PX, load_mask
+from compass.images.mask import load_mask
 from compass.images.strip import prepare_strip
+from compass.images.unwrap import BORDER_PX
 from compass.methods.sector_median import REACH_PX, local_shifts
 
 WIDTH = 1024
@@ -85,7 +86,7 @@ def test_mask_strip_is_centred_on_what_is_seen(masts):
     strip = prepare_strip(0, image, config, "", load_mask(config))
     robot = np.zeros(WIDTH, bool)
     for centre, half in MASTS:
-        robot[centre - half - MARGIN_PX : centre + half + MARGIN_PX] = True
+        robot[centre - half - BORDER_PX : centre + half + BORDER_PX] = True
     assert not strip.pixels[:, robot].any()
     grown = cv2.dilate(robot.astype(np.uint8), np.ones((3, 1))).ravel() > 0  # half a column by scaling the picture up
     expected = image[:, ~grown] - image[:, ~grown].mean(axis=1, keepdims=True)
@@ -125,7 +126,7 @@ def test_mask_fits_every_size_of_panorama(masts):
             assert not strip.seen.pixels[:, centre].any()
             share = 1.0 - sum(2 * half for _, half in MASTS) / WIDTH
             # the margin and a column of scaling on each of four edges
-            assert share - 4 * (MARGIN_PX + 1) / strip.columns <= strip.seen.share <= share
+            assert share - 4 * (BORDER_PX + 1) / strip.columns <= strip.seen.share <= share
 
 
 def test_mask_survives_a_change_of_size(masts):

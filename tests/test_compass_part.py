@@ -73,3 +73,14 @@ def test_strip_of_a_part_has_the_means_and_the_texture_of_what_is_seen():
     assert np.abs(strip.pixels.sum(axis=1) / strip.seen.counts[:, 0]).max() < 0.1
     whole = prepare_strip(0, as_bytes(panorama), CompassConfig())
     assert strip.texture == pytest.approx(whole.texture, rel=0.35)  # of a third of a scene
+
+
+@pytest.mark.parametrize("view", [240.0, 200.0, 180.0])
+def test_driving_ahead_is_no_surer_than_driving_sideways(view):
+    """Where to is found together with the turn: it may be wrong as the turn is, and cannot vouch for it."""
+    panorama = scene(6, WIDTH, WIDTH // 2)
+    deviations = []
+    for direction in (0.0, 90.0):
+        images = [seen(seen_from(panorama, 0.02 * k, R(direction), 2.0), view, k) for k in range(5)]
+        deviations.append(math.sqrt(shown(view, images)[0].yaw_variance))
+    assert deviations[0] > 0.5 * deviations[1]

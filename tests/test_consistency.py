@@ -16,9 +16,11 @@ from compass import YawIncrement
 from fusion import FusionConfig, Sensor, YawFusion
 from fusion.buffer.events import event_of, reference_of
 from fusion.filter import YawFilter
+from fusion.state.ekf import State
 from fusion.state.learnt_noise import JITTERS, LearntNoise
 
 DRIVES = 100
+DRAWN = [State.YAW, State.RATE, State.BIAS, State.SCALE]
 STARTS = [math.radians(d) for d in (0.0, 60.0, 180.0, -120.0)] + [math.pi - 1e-6, 1e-6 - math.pi]
 
 
@@ -53,8 +55,8 @@ def run(drive, config):
             if gate is not before.gates[sensor]:
                 nis[sensor].append(gate.report.nis)
     i = round(state.t_ns * 1e-7)
-    error = state.x[:4] - np.array([drive.yaw[i], drive.rate[i], drive.bias[i], drive.scale[i]])
-    return float(error @ np.linalg.solve(state.P[:4, :4], error)), nis
+    error = state.x[DRAWN] - np.array([drive.yaw[i], drive.rate[i], drive.bias[i], drive.scale[i]])
+    return float(error @ np.linalg.solve(state.P[np.ix_(DRAWN, DRAWN)], error)), nis
 
 
 def assert_mean_of_chi_square(mean, dimension, count):

@@ -85,6 +85,25 @@ def test_any_arrival_inside_lag_window_gives_the_same_bits(seed, lateness):
     assert late.reports() == ordered.reports()
 
 
+def test_increment_after_a_late_one_keeps_its_reference():
+    """Each refers to the last image but one: the filter need not remember that until one comes in between."""
+    step_ns, sound = 100_000_000, 1e-6
+    gyro = [GyroSample(k * step_ns // 10, 0.3) for k in range(400)]
+    images = [YawIncrement((k - 2) * step_ns, k * step_ns, 0.06, sound, 0.9) for k in range(3, 40)]
+    samples = sorted([*gyro, *images], key=lambda sample: sample.t_ns)
+    odd = {image.t_ns for image in images[1::2]}
+    ordered, late = YawFusion(), YawFusion()
+    for sample in samples:
+        ordered.add(sample)
+    for sample in sorted(
+        samples, key=lambda s: s.t_ns + 15 * step_ns // 10 * (s.t_ns in odd and isinstance(s, YawIncrement))
+    ):
+        late.add(sample)
+    assert late.state.references_lost == ordered.state.references_lost == 0
+    assert late.state.x.tobytes() == ordered.state.x.tobytes()
+    assert late.state.P.tobytes() == ordered.state.P.tobytes()
+
+
 def test_duplicates_change_nothing_and_are_counted():
     once, twice = YawFusion(), YawFusion()
     for sample in DRIVE:

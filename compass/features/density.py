@@ -35,8 +35,7 @@ def exponentially_modified(scaled: Floats, ratio: Floats) -> tuple[Floats, Float
         Derivative of the density's logarithm, and that derivative's negative derivative, never negative.
     """
     z = scaled - ratio
-    near = np.minimum(z, CERTAIN)
-    tail = erfcx(-math.sqrt(0.5) * near)
-    density = np.exp(ratio * (0.5 * ratio - scaled) - 0.5 * near * near) * tail * ratio * math.sqrt(0.5 * math.pi)
-    hazard = math.sqrt(2.0 / math.pi) / tail
+    near = -math.sqrt(0.5) * np.minimum(z, CERTAIN)
+    hazard = math.sqrt(2.0 / math.pi) / erfcx(near)
+    density = np.exp(ratio * (0.5 * ratio - scaled) - near * near) * ratio / hazard
     return density, hazard - ratio, hazard * (z + hazard)

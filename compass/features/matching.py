@@ -22,7 +22,7 @@ from compass.features.motion import DIRECTIONS, FIRST_PX, NEXT_PX, ambiguity, ya
 from compass.features.padded_strip import MARGIN, Picture
 from compass.features.patch_alignment import align
 from compass.features.points import sectors_of
-from compass.features.prior import DISAGREE, FEWEST, GAP, LOCK_PX, imu_tilt, precision_of, tilt_error
+from compass.features.prior import DISAGREE, FEWEST, LOCK_PX, ONE_SIDED, imu_tilt, precision_of, tilt_error
 from compass.features.relative_pose import INLIER, Motion, evidence, find_motion, misses
 from compass.features.solver import DIRECTION, ROTATION, YAW, Fit, Problem, Start, ascend, even_shares
 from compass.features.tracking import MIN_LIKENESS
@@ -33,21 +33,17 @@ from compass.methods.match import Match, Search
 
 Indices = npt.NDArray[np.intp]
 
-# Of ORB: half a patch from the edge suffices, larger corners err; 500 cost a third of the accuracy, 3 levels gain 7 %
+# Of ORB; 500 cost a third of the accuracy, 3 levels gain 7 %
 # and lose scale (docs/lab-notes/long-baseline-2026-11-28.md).
-CORNERS, EDGE, LEVELS = 1000, 15, 5
-MIN_SIDE = 32  # rows and columns: the patch of an ORB descriptor is 31
+CORNERS, LEVELS = 1000, 5
+PATCH = 31  # pixels, the side of what a descriptor describes: the library's default
 RATIO = 0.8  # of the distance to the second nearest descriptor (Lowe 2004); nearer ones are no match
 ORB_PX = 1.0  # deviation of a corner as ORB has it, a pixel of its level, but for a factor that is estimated
 # Times as far as between neighbours do corners move in some seconds: parallaxes, outliers, first rounds. Seven tuned
 # drives, views 1 to 4 s apart, err by 0.0139 deg with 8, 0.0150 with 16, 0.0158 with 32; with 4 some by 2 deg, wrong
 # minima (docs/lab-notes/long-baseline-2026-11-28.md).
 WIDER = 8.0
-ALIGNMENT_REACH_PX = 4.0  # from where it was; no corner is aligned over more; not derived
 MIN_EVIDENCE = 80.0  # nats by which the matches must surpass chance; unrelated pairs, 1,000 of them, reach 40
-# Pairs that look alike, but do not move as found, among which another answer is looked for; not derived: it bounds the
-# time.
-RIVALS = 600
 RIVALRY = 100.0  # nats for that which are too many: up to 54 in six places, 127 on in a symmetric corridor; so is
 RELATIVE = 0.5  # so much of the first answer's
 # rad, a deviation beyond which it is no answer: without it 4 deg off at a claimed half in one of 15 pairs in fog
@@ -105,7 +101,7 @@ class Views:
             self.before.picture.soft, self.after.picture.soft, one + margin, other + margin
         )
         found -= margin
-        kept = (likeness > MIN_LIKENESS) & (np.hypot(*(found - other).T) < ALIGNMENT_REACH_PX)
+        kept = likeness > MIN_LIKENESS
         return self._corners(one[kept], found[kept], covariance[kept][:, [0, 0, 1], [0, 1, 1]])
 
     def _corners(self, one: Floats, other: Floats, covariance: Floats) -> Corners:
@@ -212,7 +208,7 @@ def match_landmarks(reference: Strip, current: Strip, search: Search) -> Match:
 
 def _sees_one_side(strip: Strip) -> bool:
     """Whether the camera itself shows so little of the circle that travel over metres may look like any turn."""
-    return strip.seen is not None and strip.seen.widest_hidden > GAP
+    return strip.seen is not None and strip.seen.widest_hidden > ONE_SIDED
 
 
 def _sharpened(views: Views, pairs: Indices, rough: Fit, mean: Floats, yaw_sigma: float = math.inf) -> Match | None:
@@ -238,7 +234,7 @@ def _sharpened(views: Views, pairs: Indices, rough: Fit, mean: Floats, yaw_sigma
 def _rivalled(alike: Corners, motion: Motion, nats: float) -> bool:
     """Whether corners that look alike but are outliers of the motion are inliers of another one."""
     seen, again = alike.tangents.ahead.T, alike.seen.T
-    left = np.flatnonzero(misses(motion.states, seen, again)[0] > INLIER**2)[:RIVALS]
+    left = np.flatnonzero(misses(motion.states, seen, again)[0] > INLIER**2)
     if left.size < FEWEST:
         return False
     rival = find_motion(seen[left], again[left], motion.turn)
@@ -250,9 +246,9 @@ def landmarks_of(strip: Strip) -> Landmarks:
     """Corners of the world in a strip, with descriptors."""
     picture = Picture(strip)
     nothing = Landmarks(picture, np.empty((0, 2)), np.empty((0, 32), np.uint8))
-    if min(strip.pixels.shape) < MIN_SIDE:
+    if min(strip.pixels.shape) <= PATCH:
         return nothing
-    orb = cv2.ORB.create(CORNERS, nlevels=LEVELS, edgeThreshold=EDGE)
+    orb = cv2.ORB.create(CORNERS, nlevels=LEVELS, edgeThreshold=PATCH // 2, patchSize=PATCH)  # half a patch suffices
     corners, descriptors = orb.detectAndCompute(picture.bytes, None)
     if descriptors is None:
         return nothing

@@ -9,16 +9,16 @@ import numpy as np
 
 from compass.features.bearings import Index
 from compass.features.points import SECTORS, Floats
-from compass.features.prior import INDEPENDENT
+from compass.features.prior import DISAGREE, INDEPENDENT
 from compass.features.solver import CLIMB, DIRECTION, YAW, Fit, Problem, Start, ascend, even_shares
 
 DIRECTIONS = 6  # of travel that are tried where none is known: a basin of attraction is wider than 60 deg
 # Of the corners must be inliers for a motion to be taken without trying others, a turn without travel, too. With 0.8,
 # 0.9 and 0.95 increments of six tuned drives err by 0.0055, 0.0048 and 0.0048 deg RMS, in 2.3, 2.7 and 2.9 ms.
 AGREE = 0.9
-# Deviations by which some direction of travel may explain a turn's residuals better than none. Of photographs that only
-# turned (apartment, city, forest; noise 2 to 8) none reached 7; the first image of a drive has 16 or more.
-PARALLAX = 8.0
+# Deviations by which some direction of travel may explain a turn's residuals better than none: as many as two answers
+# may differ by, neighbours erring together. The first image of a drive has 16 or more.
+PARALLAX = DISAGREE / math.sqrt(INDEPENDENT)
 # Deviations added to the noise from round to round, columns, each a quarter of the one before; the last rounds are
 # without. A first start lies some columns off, one from the image before a part of one.
 FIRST_PX = np.array([2.0, 0.5, 0.125, 0.03125, 0.0, 0.0])
@@ -51,7 +51,7 @@ class Motion:
     def follow(self, problem: Problem) -> Fit:
         """The motion that explains the corners' ways in the next image; it is where the one after starts."""
         fit = self._continued(problem) if self.travels else None
-        if fit is None or fit.inlier.mean() < AGREE:
+        if fit is None or fit.inlier.mean() < AGREE or self._noise_rose(fit):
             fit = self._anew(problem, fit)
         self.start = Start(fit.states, fit.shares if self.travels else even_shares(), fit.noise)
         self.is_unknown = False
@@ -62,11 +62,19 @@ class Motion:
         start = Start(problem.start[None], self.start.shares, self.start.noise)
         return ascend(problem, start, NEXT_PX * problem.per_column)
 
+    def _noise_rose(self, fit: Fit) -> bool:
+        """Whether corners err by more than a while ago, beyond what so many of them tell: they may obey another motion.
+
+        The logarithm of the ratio of two variances estimated from n corners each has the variance 4 / n.
+        """
+        rise = math.log(float(fit.noise[0] / self.start.noise[0]))
+        return rise > DISAGREE * math.sqrt(4.0 / fit.inlier.sum())
+
     def _anew(self, problem: Problem, continued: Fit | None) -> Fit:
         """A turn alone, if that explains everything; else the best of all directions of travel."""
         per_column = problem.per_column
         extra = FIRST_PX * per_column
-        start = Start(problem.start[None], even_shares(pushed=False), self.start.noise)
+        start = Start(problem.start[None], even_shares(pushed=False), np.ones(1))
         goes_on = continued is None and not self.is_unknown
         turned = ascend(problem, start, (NEXT_PX if goes_on else FIRST_PX) * per_column, pushed=False)
         self.travels = turned.inlier.mean() < AGREE or parallax_score(turned, problem) > PARALLAX
@@ -112,11 +120,16 @@ def parallax_score(turned: Fit, problem: Problem) -> float:
 def yaw_variance(fit: Fit, sector: Index, travels: bool) -> float:
     """Variance of the yaw, rad^2: neighbours err together, so that sectors of the circle are what is independent.
 
-    The sandwich estimator for clusters (Liang & Zeger 1986, doi:10.1093/biomet/73.1.13).
+    The jackknife over them (Efron 1982, doi:10.1137/1.9781611970319): by how much the yaw changes without each sector,
+    to first order. The sandwich estimator takes what few corners decide alone for free of error.
     """
     used = 5 if travels else 3
-    covariance = np.linalg.inv(fit.precision[0, :used, :used])
-    scores: Floats = np.stack([np.bincount(sector, row, SECTORS) for row in fit.slopes[0, :used]])
-    sandwich = covariance @ (scores @ scores.T) @ covariance
-    clusters = np.unique(sector).size
-    return float(sandwich[0, 0]) * clusters / max(clusters - used, 1) + fit.ambiguity
+    sectors = np.arange(SECTORS) == sector[:, None]
+    sectors = sectors[:, sectors.any(axis=0)].astype(np.float64)  # (n, those that show a corner)
+    slopes = fit.slopes[0, :used] @ sectors
+    jacobian = fit.jacobian[0, :used]
+    information = (jacobian * fit.weights[0])[:, None] * jacobian
+    shares = (information[..., ::2] + information[..., 1::2]) @ sectors
+    without = fit.precision[0, :used, :used] - shares.transpose(2, 0, 1)
+    change = np.linalg.solve(without, slopes.T[..., None])[:, 0, 0]
+    return float(change @ change) * (1.0 - 1.0 / max(change.size, 1)) + fit.ambiguity

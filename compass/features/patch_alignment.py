@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 
 from compass.features.padded_strip import patch_grid
+from compass.features.tracking import LONGEST_CORRECTION_PX
 from compass.flow.correlation import Floats
 from compass.images.strip import Pixels
 
@@ -17,9 +18,10 @@ from compass.images.strip import Pixels
 # here and worse there (docs/lab-notes/long-baseline-2026-11-28.md, compass-2026-11-27.md).
 PATCH_HALF = 7
 _ACROSS, _DOWN, _WINDOW = patch_grid(PATCH_HALF)
-ROUNDS = 8  # of Gauss-Newton; not derived, nor are its longest steps
-LONGEST_STEP_PX = 1.0  # pixels that a patch moves in one round
-STRONGEST = 0.2  # by which it is stretched in one
+ROUNDS = 8  # of Gauss-Newton
+# By which a patch is stretched in one: with neither this nor `LONGEST_CORRECTION_PX` long baselines of five held-out
+# drives err by 0.0286 instead of 0.0281 deg, error^2/variance 2.10 instead of 1.95.
+STRONGEST = 0.2
 MIN_CONTRAST = 1e-3  # grey values of 255; keeps what is unobservable at its start
 
 
@@ -58,7 +60,7 @@ def align(before: Pixels, after: Pixels, at: Floats, start: Floats) -> tuple[Flo
         change = (answer @ (patch - wanted)[..., None])[..., 0]
         bend = np.clip(change[:, 2:], -STRONGEST, STRONGEST).reshape(-1, 2, 2)
         stretch = stretch @ np.linalg.inv(np.eye(2, dtype=np.float32) + bend)
-        found -= (stretch @ np.clip(change[:, :2, None], -LONGEST_STEP_PX, LONGEST_STEP_PX))[..., 0]
+        found -= (stretch @ np.clip(change[:, :2, None], -LONGEST_CORRECTION_PX, LONGEST_CORRECTION_PX))[..., 0]
     patch = _levelled(_patches(after, found, stretch))
     likeness = (patch * wanted) @ _WINDOW / (contrast * _contrast(patch))[:, 0]
     noise = contrast[:, 0] ** 2 * np.maximum(1.0 - likeness**2, 0.0)

@@ -24,8 +24,6 @@ FREEDOM = 3.0  # degrees of freedom of the t: 2 to 5 differ by a tenth in the ya
 MEANS_PX = np.array([0.3, 2.0, 12.0])  # of the parallaxes, columns: from what noise hides to a keyframe's end
 AT_INFINITY, OUTLIER = 0, MEANS_PX.size + 1  # components of the mixture: no parallax, and none of all
 SPREAD_PX = 20.0  # to either side, over which outliers lie evenly; not derived
-PSEUDO_COUNT = 1.0  # corners of each component beforehand: a flat Dirichlet prior
-LONGEST_STEP = np.array([0.05, 0.03, 0.03, 0.6, 0.1])  # rad, of each of the state in one round; not derived
 LEAST_PX = 1e-6  # standard deviation of a corner where two images are the same to the last bit: no division by zero
 MIN_PRECISION = 1e-3  # rad^-2, keeps the precision of what is unobservable from being singular
 MIN_SINE = 0.02  # of the angle from the travel below which a corner's epipolar line is not known; not derived
@@ -118,6 +116,8 @@ class Fit(Start):
         Its negative curvature there, rad^-2.
     slopes : (k, 5, n) array
         Of each corner's share of it, 1/rad.
+    jacobian, weights : (k, 5, 2 n), (k, 2 n) arrays
+        Change of the residuals along and across, in turn, with the state; what each weighs in the precision, rad^-2.
     inlier : (k, n) array
         Probability of being none of the outliers.
     off : (k, n) complex array
@@ -131,6 +131,8 @@ class Fit(Start):
     log_posterior: Floats
     precision: Floats
     slopes: Floats
+    jacobian: Floats
+    weights: Floats
     inlier: Floats
     off: Complexes
     along: Floats
@@ -164,9 +166,11 @@ def ascend(problem: Problem, start: Start, extra: Floats, pushed: bool = True) -
     """
     states, shares, noise = start.states, start.shares, start.noise
     uniform = 2.0 * math.pi / (2.0 * SPREAD_PX * problem.per_column) ** 2
-    diagonal = problem.prior_precision + MIN_PRECISION
+    least_precision = np.diag(problem.prior_precision + MIN_PRECISION)
     parts = np.empty((shares.shape[1], len(states), problem.moved.size))  # of the mixture: how likely, of each corner
-    slope, bend = np.empty((2, len(parts) - 1, *parts.shape[1:]))  # of the logarithms of all but the outliers'
+    bends = np.empty((2, len(parts) - 1, *parts.shape[1:]))  # slope of the logarithm of all but the outliers', and bend
+    slope, bend = bends
+    forces, weights = both = np.empty((2, *parts.shape[1:], 2))  # along and across
     bend[AT_INFINITY] = 1.0
     for beyond in (*(extra * extra).tolist(), None):
         lines = _Lines(problem, states)
@@ -193,18 +197,22 @@ def ascend(problem: Problem, start: Start, extra: Floats, pushed: bool = True) -
         inlier = 1.0 - parts[-1]
         across = inlier * scale / var_across
         jacobian = lines.jacobian(problem, pushed)
-        forces = _interleaved(np.einsum("ckn,ckn->kn", parts[:-1], slope) / sigma, -across * lines.across)
-        weights = _interleaved(np.einsum("ckn,ckn->kn", parts[:-1], bend) / var_along, across)
+        np.einsum("ckn,bckn->bkn", parts[:-1], bends, out=both[..., 0])
+        forces[..., 0] /= sigma
+        weights[..., 0] /= var_along
+        forces[..., 1], weights[..., 1] = -across * lines.across, across
         # what is not known of the corners' own scales takes its share of the information (Lange et al. 1989)
-        precision = (jacobian * weights[:, None]) @ jacobian.transpose(0, 2, 1)
-        precision *= (FREEDOM + 1.0) / (FREEDOM + 3.0)
-        precision[:, range(5), range(5)] += diagonal
+        weights *= (FREEDOM + 1.0) / (FREEDOM + 3.0)
+        precision = (jacobian * weights.reshape(len(states), 1, -1)) @ jacobian.transpose(0, 2, 1)
+        precision += least_precision
         if beyond is None:
             break
-        gradient = (jacobian @ forces[..., None])[..., 0] - problem.prior_precision * (states - problem.prior_mean)
+        gradient = (jacobian @ forces.reshape(len(states), -1, 1))[..., 0] - problem.prior_precision * (
+            states - problem.prior_mean
+        )
         change = np.linalg.solve(precision, gradient[..., None])[..., 0]
-        states = states + np.maximum(np.minimum(change, LONGEST_STEP), -LONGEST_STEP)
-        shares = parts.sum(axis=2).T + PSEUDO_COUNT
+        states = states + change
+        shares = parts.sum(axis=2).T + 1.0  # the posterior mean of a flat Dirichlet prior
         shares /= shares.sum(axis=1, keepdims=True)
         if not beyond:
             free = 5.0 if pushed else 3.0
@@ -212,14 +220,11 @@ def ascend(problem: Problem, start: Start, extra: Floats, pushed: bool = True) -
             noise = noise * left / np.maximum(inlier.sum(axis=1) - free, 1.0)
     log_posterior = np.log(total).sum(axis=1)
     log_posterior -= 0.5 * (problem.prior_precision * (states - problem.prior_mean) ** 2).sum(axis=1)
-    slopes = (jacobian * forces[:, None]).reshape(len(states), 5, -1, 2).sum(axis=3)
-    return Fit(states, shares, noise, log_posterior, precision, slopes, inlier, lines.off, lines.along, sigma)
-
-
-def _interleaved(along: Floats, across: Floats) -> Floats:
-    """(k, 2 n) of two (k, n) arrays, in turn."""
-    both: Floats = np.stack([along, across], axis=2).reshape(len(along), -1)
-    return both
+    pulls = jacobian * forces.reshape(len(states), 1, -1)
+    slopes = pulls[..., ::2] + pulls[..., 1::2]
+    weights = weights.reshape(len(states), -1)
+    seen = inlier, lines.off, lines.along, sigma
+    return Fit(states, shares, noise, log_posterior, precision, slopes, jacobian, weights, *seen)
 
 
 class _Lines:
@@ -229,9 +234,12 @@ class _Lines:
         self.off = (states - problem.start)[:, ROTATION] @ problem.rotating + problem.moved
         direction, climb = states[:, DIRECTION], states[:, CLIMB]
         sine, cosine, level, rise = np.sin(direction), np.cos(direction), np.cos(climb), np.sin(climb)
-        travel = np.array([cosine * level, sine * level, rise]).T
-        self._changes = np.array([[-sine * level, cosine * level, 0.0 * rise], [-cosine * rise, -sine * rise, level]])
-        self._travel = travel @ problem.tangents.axes
+        travel = cosine * level, sine * level, rise
+        changes = -sine * level, cosine * level, 0.0 * rise, -cosine * rise, -sine * rise, level
+        # of the travel, and of its changes with direction and climb
+        vectors = np.array([*travel, *changes]).T.reshape(len(states), 3, 3)
+        seen = vectors.astype(np.complex128) @ problem.tangents.axes
+        self._travel, self._changes = seen[:, 0], seen[:, 1:]
         self.length = np.maximum(np.abs(self._travel), MIN_SINE)
         self._back = -self._travel.conj() / self.length  # turns what lies away from the travel to the real axis
         self._residual = self.off * self._back
@@ -249,6 +257,6 @@ class _Lines:
         jacobian = np.zeros((len(self.along), 5, self.along.shape[1]), np.complex128)
         jacobian[:, ROTATION] = problem.rotating * self._back[:, None]
         if pushed:
-            swing = (self._changes.transpose(2, 0, 1) @ problem.tangents.axes) * (self._back / -self.length)[:, None]
+            swing = self._changes * (self._back / -self.length)[:, None]
             jacobian[:, DIRECTION:] = -1j * self._residual[:, None] * swing.imag  # rad by which the lines turn
         return jacobian.view(np.float64)

@@ -96,12 +96,12 @@ def _tracked(before: Picture, patches: Patches, now: Picture, guess: Pixels, lev
         flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
         criteria=STOP,
     )
-    near = np.abs(rough - start).max(axis=1) < SEARCH_REACH_PX
+    near = np.maximum(*np.abs(rough - start).T) < SEARCH_REACH_PX
     whole = (rough[:, 1] >= HALF) & (rough[:, 1] < now.rows - HALF)
     index = np.flatnonzero(found[:, 0].astype(bool) & near & whole)
     rough = np.asarray(rough[index], np.float32) - np.array([MARGIN, 0.0], np.float32)
     at, left = _aligned(patches, index, now, rough)
-    again = np.flatnonzero(np.abs(at - rough).max(axis=1) > SETTLED)
+    again = np.flatnonzero(np.maximum(*np.abs(at - rough).T) > SETTLED)
     if again.size:
         finer, left[again] = _aligned(patches, index[again], now, at[again])
         at[again] = np.clip(finer, rough[again] - LONGEST_CORRECTION_PX, rough[again] + LONGEST_CORRECTION_PX)

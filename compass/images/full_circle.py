@@ -18,16 +18,13 @@ import numpy.typing as npt
 import scipy.fft
 
 from compass.images.decode import Image, to_grey
-from compass.images.strip import Pixels, Strip
+from compass.images.strip import UPRIGHT_ROWS, Pixels, Strip
+from compass.images.unwrap import BORDER_PX
 
-EVERY = 5  # images from one that is looked at to the next, up to the first verdict
-LATER = 50  # and after it: a look takes half as long as an update
+EVERY = 5  # images from one that is looked at to the next, ten times as many after the first verdict
 NARROWEST = 64  # columns of a strip whose neighbours still look alike
-ROWS = 20  # of the strip that are looked at
 VIEWS = 8  # different ones, before anything is said: a pole may stand just at the seam in one or two
-REMEMBERED = 64  # views
 NEW_VIEW = 0.2  # of the step between columns far apart: a column that changed by so much shows something else
-SKIPPED = 2  # columns at either end that a stitcher may have left black; the lower step of both ways counts
 FAR = (0.25, 0.375, 0.5)  # of the circle from one column to others that have nothing to do with it
 NEAR_HALF = 1 / 32  # of the circle by which the second picture may lie beside the middle: stereo
 BLANK = 2.0  # grey values of 255 by which a column that shows nothing varies from top to bottom
@@ -99,20 +96,20 @@ class CircleCheck:
         self._views = 0
         self._looked = 0
         self._discs = 0
-        self._steps: tuple[deque[float], deque[float]] = (deque(maxlen=REMEMBERED), deque(maxlen=REMEMBERED))
-        self._twice: deque[float] = deque(maxlen=REMEMBERED)
+        self._steps: tuple[deque[float], deque[float]] = (deque(maxlen=8 * VIEWS), deque(maxlen=8 * VIEWS))
+        self._twice: deque[float] = deque(maxlen=8 * VIEWS)
         self._blank: npt.NDArray[np.bool_] | None = None
         self._verdict: CircleVerdict | None = None
 
     def look(self, strip: Strip, image: Image, encoding: str = "") -> None:
         """Take in an image that has texture, with the strip cut out of it."""
         self._count += 1
-        every = EVERY if self._views <= 2 * VIEWS else LATER
+        every = EVERY if self._views <= 2 * VIEWS else 10 * EVERY  # a look takes half as long as an update
         if self._count % every != 1 or strip.columns < NARROWEST:
             return
         self._looked += 1
         self._discs += _two_discs(image, encoding)
-        stride = max(len(strip.pixels) // ROWS, 1)
+        stride = max(len(strip.pixels) // UPRIGHT_ROWS, 1)
         pixels = np.ascontiguousarray(strip.pixels[::stride])
         if self._last is not None and not self._is_new(pixels, self._last):
             return
@@ -141,10 +138,10 @@ class CircleCheck:
     def _judge_steps(self, pixels: Pixels, changed: npt.NDArray[np.bool_]) -> None:
         """Steps at the seam and in the middle, except where something belongs to the robot, which does not change."""
         columns = pixels.shape[1]
-        apart = [(skipped, _steps(pixels, 2 * skipped + 1)) for skipped in (0, SKIPPED)]
+        apart = [(skipped, _steps(pixels, 2 * skipped + 1)) for skipped in (0, BORDER_PX)]  # a stitcher may leave black
         near = [float(np.median(steps)) for _, steps in apart]
         for at, found in zip((0, columns // 2), self._steps, strict=True):
-            if changed[at - 1 - SKIPPED] and changed[at + SKIPPED]:
+            if changed[at - 1 - BORDER_PX] and changed[at + BORDER_PX]:
                 across = [float(steps[at - 1 - skipped]) for skipped, steps in apart]
                 found.append(min((a - n) / max(self._far - n, 1e-3) for a, n in zip(across, near, strict=True)))
 

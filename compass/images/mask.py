@@ -15,10 +15,9 @@ from compass.files import read_bounded
 from compass.images.decode import MOST_PIXELS, image_from_compressed
 from compass.images.orientation import Orientation
 from compass.images.seen import Seen, Weights
-from compass.images.unwrap import Unwrapping
+from compass.images.unwrap import BORDER_PX, Unwrapping
 
 WHITE = 127  # grey values above are the robot's
-MARGIN_PX = 2  # by which the robot is taken to be larger in the strip: its edges are blurred
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +85,7 @@ def load_mask(config: CompassConfig) -> RobotMask | None:
 
 def _without(robot: Weights) -> Weights:
     """1 where a strip of the robot shows none of it, nor its blurred edges, else 0."""
-    return np.asarray(1.0 - _grown((robot > 1e-3).astype(np.uint8), MARGIN_PX).astype(np.float32), np.float32)
+    return np.asarray(1.0 - _grown((robot > 1e-3).astype(np.uint8), BORDER_PX).astype(np.float32), np.float32)
 
 
 def _grown(robot: npt.NDArray[np.uint8], by: int) -> npt.NDArray[np.uint8]:

@@ -15,7 +15,7 @@ from compass.images.decode import Image
 from compass.images.projection import Flags, Floats, Projection
 from compass.images.seen import Seen, Weights
 
-BORDER_PX = 2  # of the strip, along the edge of what is seen: lenses are dark and blurred there
+BORDER_PX = 2  # of the strip, along an edge of what is seen: it is blurred, lenses and seams are dark there
 FEWEST_ROWS = 4
 
 

@@ -7,13 +7,14 @@ from functools import lru_cache
 
 import numpy as np
 
+from compass.features.points import SECTORS
 from compass.flow.coarse_shift import coarse_shift, quantile
 from compass.flow.correlation import Floats, pooled_spectrum, signed
 from compass.flow.pure_turn import pooled_turn, turn_variance
 from compass.images.strip import Pixels, Strip
 from compass.methods.match import Match, Search
 
-SECTORS, PER_CIRCLE = 32, 8.0  # Hann windows an eighth of the circle wide, a quarter of that apart
+PER_CIRCLE = SECTORS / 4.0  # Hann windows as wide as four of them, an eighth of the circle
 REACH_PX = 20  # how far a sector may lie from the coarse shift, columns
 TAPS = 6  # samples on either side of the best one that its interpolation uses
 FINE = 16  # interpolated samples per column

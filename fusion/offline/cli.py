@@ -112,14 +112,17 @@ def fuse(
 @click.option("--image-topic", "image", metavar="T", help="Panoramas to preview.")
 @_FORCE
 def inspect(bag: Path, roi_preview: Path | None, config: Path | None, image: str | None, force: bool) -> None:
-    """Show topics, rates, gaps and faulty stamps of BAG, its image size, what 'fuse' would take, and what is wrong."""
+    """Show topics, rates, gaps and faulty stamps of BAG, its image size, what 'fuse' would take, and what is wrong.
+
+    Of a video, or a folder of images with a times.csv: size, rate, duration, what is wrong, and what to type next.
+    """
     from fusion.offline.atomic_output import refuse_existing
-    from fusion.offline.inspect import inspect_bag
+    from fusion.offline.inspect_command import inspected
     from fusion.offline.topics import TopicRequest
     from fusion.settings import load_settings
 
     refuse_existing(roi_preview, force=force)
-    click.echo(inspect_bag(bag, load_settings(config), TopicRequest(image=image), roi_preview))
+    click.echo(inspected(bag, load_settings(config), TopicRequest(image=image), roi_preview))
 
 
 @cli.command(short_help="Write a simulated experiment as a bag with ground truth.")

@@ -290,17 +290,20 @@ def _evaluate_experiment(task: Task) -> list[Outcome]:
 
 
 def _render(names: Sequence[str], seeds: int, worlds: str) -> None:
-    """Bring the frames of every world into the cache, with all cores on each."""
-    firsts: dict[tuple[str, str], int] = {}
+    """Bring the frames of worlds that several seeds share into the cache; others are rendered where they are used."""
+    sharing: dict[tuple[str, bytes], list[int]] = {}
     for name in names:
         for seed in range(seeds):
-            firsts.setdefault((name, choose_world(EXPERIMENTS[name], seed, worlds).name), seed)
+            sharing.setdefault((name, choose_world(EXPERIMENTS[name], seed, worlds).key), []).append(seed)
+    shared = [(name, several[0]) for (name, _), several in sharing.items() if len(several) > 1]
+    if not shared:
+        return
     with progress_bar("rendering") as progress:
-        for count, ((name, _), seed) in enumerate(firsts.items()):
+        for count, (name, seed) in enumerate(shared):
             drive = simulate(name, seed, worlds=worlds)
 
             def told(done: int, of: int, before: int = count) -> None:
-                progress((before + done / of) / len(firsts))
+                progress((before + done / of) / len(shared))
 
             drive.prepare(told)
 

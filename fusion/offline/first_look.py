@@ -9,6 +9,7 @@ from itertools import islice, takewhile
 from fusion import Warning
 from fusion.offline.bag import Bag, BagError
 from fusion.offline.console import progress_bar
+from fusion.offline.image_files import ImageRecording
 from fusion.offline.recording import BagRecording, read_recording
 from fusion.offline.run import fuse_recording
 from fusion.offline.streams import Frame, GyroTrack, OdometryTrack
@@ -22,10 +23,10 @@ MOST_IMAGES = 600  # some seconds of work; a robot that is shown to a camera tur
 
 
 @dataclass(frozen=True, slots=True)
-class _Beginning:
+class Beginning:
     """A recording that ends early."""
 
-    whole: BagRecording
+    whole: BagRecording | ImageRecording
     gyro: GyroTrack
     odometry: OdometryTrack
     end_ns: int
@@ -33,13 +34,16 @@ class _Beginning:
 
     @property
     def frame_count(self) -> int:
+        """How many panoramas there should be."""
         return min(self.whole.frame_count, MOST_IMAGES)
 
     @property
     def warnings(self) -> list[Warning]:
+        """What is wrong with the recording."""
         return self.whole.warnings
 
     def frames(self) -> Iterator[Frame]:
+        """Panoramas by time, until the end of the beginning."""
         return islice(takewhile(lambda frame: frame.t_ns <= self.end_ns, self.whole.frames()), MOST_IMAGES)
 
 
@@ -59,11 +63,11 @@ def first_look(bag: Bag, settings: Settings, request: TopicRequest | None = None
     return [f"{one.text} [{one.code}, {one.sensor}]" for one in found if one.code not in TOLD and APART not in one.text]
 
 
-def _beginning(recording: BagRecording) -> _Beginning:
+def _beginning(recording: BagRecording) -> Beginning:
     """Until `LENGTH_NS` after the last sensor's first sample, or until the last image that is looked at."""
     firsts = [int(track.t_ns[0]) for track in (recording.gyro, recording.odometry) if track.t_ns.size]
     images = list(islice(recording.image_stamps(), MOST_IMAGES))
     end_ns = max([*firsts, *images[:1]], default=0) + LENGTH_NS
     if len(images) == MOST_IMAGES:
         end_ns = min(end_ns, images[-1])
-    return _Beginning(recording, recording.gyro.until(end_ns), recording.odometry.until(end_ns), end_ns)
+    return Beginning(recording, recording.gyro.until(end_ns), recording.odometry.until(end_ns), end_ns)

@@ -210,10 +210,15 @@ def _images(bag: Bag, config: CompassConfig) -> list[str]:
                 lines.append(str(error))
                 continue
             height, width = image.shape[:2]
-            usual = not Orientation.of(config).is_upright or not config.is_full_panorama or width >= 2 * height - 2
-            remark = "" if usual else "; not as wide as a full circle usually is, 2:1 or more"
+            remark = "" if usual_shape(image, config) else "; not as wide as a full circle usually is, 2:1 or more"
             lines.append(f"{topic.name}: {width} x {height} {encoding or 'compressed'}{remark}")
     return lines
+
+
+def usual_shape(image: Image, config: CompassConfig) -> bool:
+    """Whether an image is as wide as a full circle usually is, or of another kind by its settings."""
+    height, width = image.shape[:2]
+    return not Orientation.of(config).is_upright or not config.is_full_panorama or width >= 2 * height - 2
 
 
 def _first_image(bag: Bag, topic: Topic) -> tuple[Image, str]:

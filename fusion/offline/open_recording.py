@@ -9,7 +9,7 @@ from pathlib import Path
 
 from fusion.offline.bag import Bag, BagError
 from fusion.offline.folder import TIMES, ImageFolder, refuse_pictures
-from fusion.offline.image_files import ImageFileError, ImageRecording, SensorFiles, read_image_recording
+from fusion.offline.image_files import ImageFileError, ImageRecording, Images, SensorFiles, read_image_recording
 from fusion.offline.recording import BagRecording, read_recording
 from fusion.offline.streams import Progress
 from fusion.offline.topics import TopicRequest, choose_topics
@@ -20,6 +20,19 @@ log = logging.getLogger(__name__)
 
 FileRecording = BagRecording | ImageRecording
 Read = Callable[[Progress], FileRecording]
+
+
+def images_of(path: Path, video_start_ns: int | None = None) -> Images | None:
+    """A video or a folder of images; None for what may be a bag.
+
+    Raises
+    ------
+    ImageFileError
+        It cannot be used, or is a folder of images without times.
+    """
+    if ImageFolder.is_one(path):
+        return ImageFolder(path)
+    return VideoFile(path, video_start_ns or 0) if VideoFile.is_one(path) else None
 
 
 @contextmanager
@@ -45,12 +58,12 @@ def open_recording(
         It cannot be opened, or was given what does not fit it.
     """
     sensors, columns = sensors or SensorFiles(), settings.compass.decoded_columns
-    if VideoFile.is_one(path) or ImageFolder.is_one(path):
+    images = images_of(path, sensors.video_start_ns)
+    if images is not None:
         if request is not None and request != TopicRequest():
             raise ImageFileError(f"{path}: no bag and so without topics; give --gyro and --odometry CSV files")
-        if ImageFolder.is_one(path) and sensors.video_start_ns is not None:
+        if images.kind == "folder" and sensors.video_start_ns is not None:
             raise ImageFileError(f"{path}: --video-start is for videos; the times of images are in {TIMES}")
-        images = ImageFolder(path) if ImageFolder.is_one(path) else VideoFile(path, sensors.video_start_ns or 0)
         for role, file in (("image", path), ("gyro", sensors.gyro), ("odometry", sensors.odometry)):
             log.info("%s: %s", role, file or "none")
         yield lambda progress: read_image_recording(images, sensors, settings.imu, columns)

@@ -63,8 +63,8 @@ def plot_run(run: FusedRun, path: Path, title: str) -> None:
     panels = _panels(run)
     heights = [2.2 if draw is _yaws else 1.2 for draw in panels]
     height = 1.35 * sum(heights) + 1.4
-    figure = Figure(figsize=(WIDTH, height))
-    FigureCanvasAgg(figure)
+    figure = Figure(figsize=(WIDTH, height), dpi=110)
+    canvas = FigureCanvasAgg(figure)
     title, fonts = drawable(" ".join(title.split()))
     heading = figure.suptitle(title, y=1.0 - 0.3 / height, fontsize=13, fontweight="bold", parse_math=False)
     if fonts:
@@ -86,7 +86,9 @@ def plot_run(run: FusedRun, path: Path, title: str) -> None:
     axes[-1].set_xlabel("time since start [s]")
     axes[-1].set_xlim(0.0, max(float(clock(run.t_ns)[-1]), 1e-3))
     shade_warnings(axes, run.warnings, run.rows[0].t_ns)
-    figure.savefig(path, dpi=110, bbox_inches="tight", pad_inches=0.1)  # no legend is cut off
+    # No legend is cut off; "tight" would mean the same, and draw everything once more to find out.
+    renderer = canvas.get_renderer()  # type: ignore[no-untyped-call]
+    figure.savefig(path, bbox_inches=figure.get_tightbbox(renderer).padded(0.1))
 
 
 def _panels(run: FusedRun) -> list[Panel]:

@@ -101,7 +101,9 @@ def cached_frames(
     for stale in directory.glob(f"{label}-{'?' * 16}.zip"):
         if stale != path:
             stale.unlink(missing_ok=True)
-    return _ZippedFrames(path, count)
+    with contextlib.suppress(OSError):  # another process may have put frames of the same label in their place
+        return _ZippedFrames(path, count)
+    return _FramesInMemory(images)
 
 
 class _FramesInMemory:

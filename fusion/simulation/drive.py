@@ -137,8 +137,8 @@ def simulate(
     name : str
         Which.
     seed : int
-        Chooses the sensors' errors, how images are stamped, the ground's grip, the exposure, and, every
-        few, another world. Same name, seed and worlds, same bytes.
+        Chooses the sensors' errors, how images are stamped, the ground's grip, the exposure, and the world: a scene of
+        its own in the held-out places, every few another of the tuned ones. Same name, seed and worlds, same bytes.
     worlds : str
         See `choose_world`.
     cache : Path or None

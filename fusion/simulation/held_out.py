@@ -4,7 +4,8 @@ The rule: NO CONSTANT MAY BE CHOSEN ON THESE PLACES. They tell how good the esti
 parameter, threshold or method that is changed to do better here makes them worthless. What fails here is to be
 reproduced elsewhere (`places`, `yards`, a place of your own) and mended there.
 
-Each place is built round whatever way the robot takes, so that any drive can be driven in any of them.
+Each place is built round whatever way the robot takes, so that any drive can be driven in any of them. It is a kind of
+place: where things stand, how far apart, how large and what they look like is drawn, so many seeds are many scenes.
 """
 
 from __future__ import annotations
@@ -35,18 +36,24 @@ class Site(Builder):
     ----------
     way : ndarray, shape (n, 2)
         Points, m, that stay free of things.
+
+    Attributes
+    ----------
+    scale : float
+        Of all distances between things and from the way: no two places of a kind are laid out alike.
     """
 
     def __init__(self, rng: np.random.Generator, way: Floats, density: float = INDOOR_DENSITY) -> None:
         super().__init__(rng, density)
         self.way = way
+        self.scale = float(rng.uniform(0.9, 1.25))
         self._taken: list[tuple[Corner, Corner]] = []
         self.low: Corner = (float(way[:, 0].min()), float(way[:, 1].min()))
         self.high: Corner = (float(way[:, 0].max()), float(way[:, 1].max()))
 
     def around(self, margin: float) -> tuple[Corner, Corner]:
-        """Corners of the rectangle that leaves `margin` m on all sides of the way."""
-        (x0, y0), (x1, y1) = self.low, self.high
+        """Corners of the rectangle that leaves `margin` m, times the scale, on all sides of the way."""
+        (x0, y0), (x1, y1), margin = self.low, self.high, margin * self.scale
         return (x0 - margin, y0 - margin), (x1 + margin, y1 + margin)
 
     def distance(self, centre: Corner, size: Corner = (0.0, 0.0)) -> float:
@@ -65,9 +72,11 @@ class Site(Builder):
         return True
 
     def grid(self, margin: float, pitch: Corner) -> list[Corner]:
-        """Points `pitch` apart that fill the rectangle `margin` m round the way, from its lower left corner."""
+        """Points `pitch` m apart, times the scale, that fill the rectangle round the way, from anywhere on."""
         (x0, y0), (x1, y1) = self.around(margin)
-        return [(float(x), float(y)) for x in np.arange(x0, x1, pitch[0]) for y in np.arange(y0, y1, pitch[1])]
+        dx, dy = pitch[0] * self.scale, pitch[1] * self.scale
+        x0, y0 = x0 + self.rng.uniform(0.0, 0.5 * dx), y0 + self.rng.uniform(0.0, 0.5 * dy)
+        return [(float(x), float(y)) for x in np.arange(x0, x1, dx) for y in np.arange(y0, y1, dy)]
 
 
 def storage_racks(rng: np.random.Generator, way: Floats) -> World:
@@ -103,25 +112,29 @@ def car_park(rng: np.random.Generator, way: Floats) -> World:
     for x, y in s.grid(6.5, (5.4, 2.7)):
         if rng.random() < 0.6 and s.claim((x, y), (4.2, 1.7)):
             s.car((x, y))
-    s.house((x0 - 5.0, y1 + 14.0), (x0 + 9.0, y1 + 24.0), 8.0, materials.brick, 40.0)
-    s.house((x0 + 13.0, y1 + 24.0), (x0 + 32.0, y1 + 36.0), 14.0, materials.plaster, 30.0)
-    s.house((x0 - 2.0, y0 - 32.0), (x0 + 22.0, y0 - 22.0), 11.0, materials.concrete, 30.0)
-    s.house((x1 + 26.0, y0 - 12.0), (x1 + 38.0, y1 + 8.0), 9.0, materials.plaster, 30.0)
-    s.house((x0 - 40.0, y0 - 6.0), (x0 - 24.0, y1 + 12.0), 7.0, materials.brick, 30.0)
+    for low, high, height, wall, density in (
+        ((x0 - 5.0, y1 + 14.0), (x0 + 9.0, y1 + 24.0), 8.0, materials.brick, 40.0),
+        ((x0 + 13.0, y1 + 24.0), (x0 + 32.0, y1 + 36.0), 14.0, materials.plaster, 30.0),
+        ((x0 - 2.0, y0 - 32.0), (x0 + 22.0, y0 - 22.0), 11.0, materials.concrete, 30.0),
+        ((x1 + 26.0, y0 - 12.0), (x1 + 38.0, y1 + 8.0), 9.0, materials.plaster, 30.0),
+        ((x0 - 40.0, y0 - 6.0), (x0 - 24.0, y1 + 12.0), 7.0, materials.brick, 30.0),
+    ):
+        dx, dy = rng.uniform(-3.0, 3.0, 2).tolist()
+        s.house((low[0] + dx, low[1] + dy), (high[0] + dx, high[1] + dy), height * s.scale, wall, density)
     return s.outdoors(fittings.tiles(rng, 24.0, 48.0, 12.0, 90.0), 24.0)
 
 
 def colonnade(rng: np.random.Generator, way: Floats) -> World:
     """Identical pillars every 1.7 m in both directions, in a hall whose walls repeat with them."""
     s = Site(rng, way)
-    pitch, height, radius = 1.7, 3.6, 0.15
+    pitch, height, radius = 1.7 * s.scale, 3.6, rng.uniform(0.12, 0.2)
     around = 2.0 * np.pi * radius
     shaft = s.skin(materials.concrete, around, height)
-    for x, y in s.grid(1.7, (pitch, pitch)):
+    for x, y in s.grid(1.7, (1.7, 1.7)):
         if s.claim((x, y), (2 * radius, 2 * radius)):
             low, high = (x - radius, y - radius, 0.0), (x + radius, y + radius, height)
             s.solids.append(Solid(low, high, shaft, None, round=True))
-    (x0, y0), (x1, y1) = s.around(1.7 + pitch / 2.0)
+    (x0, y0), (x1, y1) = s.around(2.55)
     bay = materials.plaster(rng, pitch, height, s.density)
     fittings.window(bay, rng, s.density, 0.1)
     for start, end in (((x0, y0), (x1, y0)), ((x1, y0), (x1, y1)), ((x0, y1), (x1, y1)), ((x0, y0), (x0, y1))):
@@ -133,7 +146,7 @@ def white_gallery(rng: np.random.Generator, way: Floats) -> World:
     """Plain white walls with a picture every few metres, a few plain plinths, nothing on floor or ceiling."""
     s = Site(rng, way)
     low, high = s.around(2.4)
-    s.room(low, high, 3.2, _white, (fittings.poster,), gap=4.5)
+    s.room(low, high, 3.2, _white, (fittings.poster,), gap=4.5 * s.scale)
     for x, y in s.grid(1.6, (3.3, 3.7)):
         if s.claim((x, y), (0.5, 0.5)):
             s.box((x, y), (0.5, 0.5, 1.1), _white)
@@ -149,7 +162,7 @@ def foggy_field(rng: np.random.Generator, way: Floats) -> World:
     """Grass with a few posts, stumps and trees; one sees 20 m far."""
     s = Site(rng, way, OUTDOOR_DENSITY)
     (x0, y0), (x1, y1) = s.around(10.0)
-    count = round(0.04 * (x1 - x0) * (y1 - y0))
+    count = round(0.04 / s.scale**2 * (x1 - x0) * (y1 - y0))
     for x, y in rng.uniform((x0, y0), (x1, y1), (count, 2)).tolist():
         kind = rng.random()
         if kind < 0.4 and s.claim((x, y), (0.1, 0.1)):
@@ -164,8 +177,8 @@ def foggy_field(rng: np.random.Generator, way: Floats) -> World:
 def glass_front(rng: np.random.Generator, way: Floats) -> World:
     """A shop front on one side: dirty panes, the shop behind them, and the street's other side mirrored in them."""
     s = Site(rng, way, 100.0)
-    x0, x1 = s.low[0] - 12.0, s.high[0] + 12.0
-    front = s.high[1] + 1.1
+    x0, x1 = s.low[0] - 12.0 - rng.uniform(0.0, 1.9), s.high[0] + 12.0
+    front = s.high[1] + 1.1 * s.scale
     for x in np.arange(x0, x1, 1.9):
         pane = Skin(_pane(rng, 1.8, 3.0, s.density), 1.8, 3.0)
         s.solids.append(Solid((x + 0.08, front, 0.0), (x + 1.88, front, 3.0), pane, opacity=0.35))
@@ -178,13 +191,13 @@ def glass_front(rng: np.random.Generator, way: Floats) -> World:
     back = Skin(inside, x1 - x0, 3.0)
     s.solids.append(Solid((x0, front + 4.0, 0.0), (x1, front + 4.0, 3.0), back, opacity=0.55))
     s.box(((x0 + x1) / 2.0, front + 4.0), (x1 - x0, 0.2, 5.0), materials.brick, foot=3.0)
-    for x in np.arange(s.low[0] - 20.0, s.high[0] + 20.0, 9.0):
+    for x in np.arange(s.low[0] - 20.0, s.high[0] + 20.0, 9.0 * s.scale):
         place, width = float(x + rng.uniform(0.0, 3.0)), rng.uniform(4.0, 6.0)
         near, height = front - s.low[1] + rng.uniform(7.0, 14.0), rng.uniform(5.0, 9.0)
         wall = rng.choice(np.array([materials.brick, materials.plaster]))
         for y in (front - near - 6.0, front + near):  # the real one, and its image behind the glass
             s.house((place, y), (place + width, y + 6.0), height, wall, 40.0)
-    for x in np.arange(s.low[0] - 6.0, s.high[0] + 8.0, 6.3):
+    for x in np.arange(s.low[0] - rng.uniform(4.0, 10.0), s.high[0] + 8.0, 6.3 * s.scale):
         s.car((float(x), s.low[1] - 3.2))
     return s.outdoors(fittings.tiles(rng, 12.0, 60.0, 0.4, 115.0), 12.0)
 

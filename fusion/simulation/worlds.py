@@ -15,7 +15,6 @@ from fusion.simulation.world import Crowd, Solid, World, nobody
 TUNED_WORLDS, HELD_OUT_WORLDS = "tuned", "held-out"
 WORLDS = 3  # of each experiment's own place
 SEEDS_PER_WORLD = 7
-SEEDS_PER_PLACE = 5  # 20 seeds see four of the held-out places; between them the experiments see all
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,7 +24,7 @@ class WorldChoice:
     Attributes
     ----------
     name : str
-        Unique among the worlds of an experiment.
+        Of the place, or of the variant of the experiment's own.
     held_out : bool
         Whether no constant may be chosen on it.
     key : bytes
@@ -47,7 +46,7 @@ def choose_world(experiment: Experiment, seed: int, worlds: str = TUNED_WORLDS) 
     ----------
     worlds : str
         ``"tuned"``: the experiment's own place in one of three variants; ``"held-out"``: one of the `HELD_OUT` places;
-        or the name of one of them.
+        or the name of one of them. A held-out place is drawn anew for every seed.
 
     Raises
     ------
@@ -56,21 +55,26 @@ def choose_world(experiment: Experiment, seed: int, worlds: str = TUNED_WORLDS) 
     """
     if worlds == TUNED_WORLDS:
         variant = seed // SEEDS_PER_WORLD % WORLDS
-        return WorldChoice(str(variant), False, experiment.place.__name__.encode(), lambda: experiment.world(variant))
+        key = f"{experiment.place.__name__} {variant}".encode()
+        return WorldChoice(str(variant), False, key, lambda: experiment.world(variant))
     place = worlds
     if worlds == HELD_OUT_WORLDS:
         places = sorted(HELD_OUT)
-        place = places[(zlib.crc32(experiment.name.encode()) + seed // SEEDS_PER_PLACE) % len(places)]
+        place = places[(zlib.crc32(experiment.name.encode()) + seed) % len(places)]
     if place not in HELD_OUT:
         known = ", ".join([TUNED_WORLDS, HELD_OUT_WORLDS, *HELD_OUT])
         raise SimulationError(f"no worlds {worlds!r}; one of: {known}")
-    return WorldChoice(place, True, f"{place} round {experiment.name}".encode(), lambda: held_out(experiment, place))
+    key = f"{place} round {experiment.name}, {seed}".encode()
+    return WorldChoice(place, True, key, lambda: held_out(experiment, place, seed))
 
 
-def held_out(experiment: Experiment, place: str) -> World:
-    """A held-out place built round an experiment's way, with the people whom the experiment has walking about."""
+def held_out(experiment: Experiment, place: str, seed: int = 0) -> World:
+    """A held-out place built round an experiment's way, with the people whom the experiment has walking about.
+
+    The seed draws what the kind of place leaves open: where things stand, how large they are, what they look like.
+    """
     crowd = experiment.world().crowd
-    rng = np.random.default_rng([zlib.crc32(place.encode()), zlib.crc32(experiment.name.encode())])
+    rng = np.random.default_rng([seed, zlib.crc32(place.encode()), zlib.crc32(experiment.name.encode())])
     world = HELD_OUT[place](rng, _way(experiment, crowd))
     return world if crowd is nobody else replace(world, crowd=_both(crowd, world.crowd))
 

@@ -15,15 +15,15 @@ MUTANTS = (
     Mutant(
         "mask-without-margin",
         "compass/images/mask.py",
-        "MARGIN_PX = 2",
-        "MARGIN_PX = 0",
+        "astype(np.uint8), BORDER_PX)",
+        "astype(np.uint8), 0)",
         _tests("test_compass_mask::test_mask_covers_the_blurred_edge_of_the_robot_and_no_more"),
     ),
     Mutant(
         "mask-with-a-wide-margin",
         "compass/images/mask.py",
-        "MARGIN_PX = 2",
-        "MARGIN_PX = 12",
+        "astype(np.uint8), BORDER_PX)",
+        "astype(np.uint8), 12)",
         _tests("test_compass_mask::test_mask_covers_the_blurred_edge_of_the_robot_and_no_more"),
     ),
     Mutant(
@@ -259,8 +259,8 @@ MUTANTS = (
     Mutant(
         "frozen-camera-believed",
         "compass/visual_compass.py",
-        "FROZEN_NS = 500_000_000",
-        "FROZEN_NS = 500_000_000_000",
+        "FROZEN_NS = SECOND_NS // 2",
+        "FROZEN_NS = SECOND_NS * 500",
         _tests("test_compass_status"),
     ),
     Mutant(
