@@ -110,7 +110,9 @@ class YawFilter:
             # who contradicted says no more: it is known for good how little is known
             state.ekf.widen_frame(before.unconfirmed_variance)
             state.unconfirmed = state.confirmed(self.config.initial_rate_sigma)
-        self._confirm(state, event)
+        if before.t_ns is None:
+            state.unconfirmed = state.begun(float(before.x[State.YAW]), self.config.initial_rate_sigma)
+        self._confirm(before, state, event)
         return state
 
     @staticmethod
@@ -121,11 +123,11 @@ class YawFilter:
         elif state.stillness.standing and before.t_ns is not None:
             state.yaw_lead -= float(believed(state)[0][State.YAW] - believed(before)[0][State.YAW])
 
-    def _confirm(self, state: FilterState, event: FusionEvent) -> None:
+    def _confirm(self, before: FilterState, state: FilterState, event: FusionEvent) -> None:
         """Note whether two sensors agree on the yaw, or who has spoken since they did."""
         gate, unconfirmed, agreed = state.gates[Sensor.COMPASS], state.unconfirmed, isinstance(event, HeadingEvent)
         refused = gate.rejecting_since_ns is not None
-        window_over = state.turns.start_ns == event.t_ns
+        window_over = state.turns.start_ns == event.t_ns and before.turns.start_ns is not None
         if unconfirmed is not None and window_over:
             unconfirmed = unconfirmed.with_window(state.isolation.last)
             beyond = unconfirmed.contradiction(state.belief) if state.only_tracks_watch else None
@@ -139,9 +141,12 @@ class YawFilter:
         elif window_over:
             agreed = not refused or state.isolation.contradicted
             if unconfirmed and not state.hears(Sensor.COMPASS):
-                agreed = unconfirmed.agrees(state.belief)
-        if agreed and (unconfirmed is not None or sum(map(state.hears, Sensor)) > 1):
+                agreed = unconfirmed.agrees(state.belief) or not state.believes(Sensor.TRACKS)
+        known = unconfirmed is not None and not unconfirmed.beginning
+        if agreed and (known or sum(map(state.hears, Sensor)) > 1):
             unconfirmed = state.confirmed(self.config.initial_rate_sigma)
+        elif unconfirmed is not None and unconfirmed.is_alone(event.t_ns) and sum(map(state.hears, Sensor)) < 2:
+            unconfirmed = None
         elif unconfirmed is not None and isinstance(event, TracksEvent):
             unconfirmed = unconfirmed.with_tracks(event.sample)
         if unconfirmed is not None and isinstance(event, CompassEvent):

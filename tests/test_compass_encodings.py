@@ -65,6 +65,14 @@ def test_luma_of_a_step_that_counts_all_bytes_of_a_pixel(colour):
     np.testing.assert_array_equal(grey_of(planes.tobytes(), "nv12", WIDTH * 3 // 2), planes[:HEIGHT])
 
 
+@pytest.mark.parametrize("missing", [1, WIDTH, WIDTH * HEIGHT // 8])
+def test_luma_of_a_picture_whose_chroma_is_cut_keeps_its_rows(colour, missing):
+    """Two thirds of them, which is what a height that counts the chroma would mean, would move the horizon."""
+    rows = HEIGHT // 3 * 3  # two thirds of which are whole rows
+    data = colour[:rows, :, 0].tobytes() + bytes(WIDTH * rows // 2 - missing)
+    np.testing.assert_array_equal(grey_of(data, "nv12", WIDTH, rows), colour[:rows, :, 0])
+
+
 @pytest.mark.parametrize("encoding", ["bgr16", "rgb16", "bgra16", "rgba16", "16UC3", "16UC4"])
 @pytest.mark.parametrize("big", [False, True])
 def test_16_bit_colours(colour, encoding, big):

@@ -138,6 +138,7 @@ def test_start_and_end_take_a_part(tiny_bag, tmp_path):
         (["--start", "-1"], "offline.start: -1.0 is outside"),
         (["--start", "1", "--end", "1"], "is not after the start"),
         (["--end", "nan"], "offline.end: nan is outside"),
+        (["--end", "0"], "--end: 0 s is not after the start"),
     ],
 )
 def test_start_and_end_that_mean_nothing_are_refused(bags, tmp_path, options, says, capsys):

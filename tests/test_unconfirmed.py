@@ -26,11 +26,11 @@ def seen(samples, ride):
     return np.array(out).T
 
 
-def slow_camera(who, change=None, seed=3):
-    """A ride whose camera gives an image a second, of which some sensors speak; a gyro that errs from `FAULT` on."""
+def slow_camera(who, change=None, seed=3, since=FAULT):
+    """A ride whose camera gives an image a second, of which some sensors speak; a gyro that errs from a time on."""
     ride = robot_drive(seed, seconds=30.0, compass_hz=1)
     if change:
-        ride = ride.changed(change, GyroSample, since=FAULT)
+        ride = ride.changed(change, GyroSample, since=since)
     return ride, [sample for sample in ride.samples if isinstance(sample, who)]
 
 
@@ -56,9 +56,27 @@ def test_images_that_confirm_and_tracks_that_agree_add_next_to_nothing():
     assert np.abs(more[images & later]).max() < 1e-3
 
 
-def test_lone_gyro_is_not_contradicted():
+def test_lone_gyro_is_not_contradicted_once_nobody_else_has_spoken_for_a_second():
     ride, samples = slow_camera(GyroSample)
-    assert np.abs(seen(samples, ride)[3]).max() < 1e-9
+    t, _, _, more = seen(samples, ride)
+    assert np.abs(more[t > 1.05]).max() < 1e-9
+
+
+@pytest.mark.parametrize("who", [(GyroSample, OdometrySample), (GyroSample, YawIncrement)])
+def test_gyro_that_errs_from_the_start_is_covered_before_anybody_has_agreed(who):
+    """In deg/s: at rest its bias and its noise alone turn the yaw by degrees before the first window is over."""
+    ride, samples = slow_camera(who, lambda s: replace(s, yaw_rate=math.degrees(s.yaw_rate)), since=0.0)
+    t, error, sigma, _ = seen(samples, ride)
+    assert np.abs(error[t < 0.5]).max() > 1.0
+    assert (np.abs(error) <= np.maximum(4.0 * sigma, 0.1))[t < 0.5].all()
+
+
+@pytest.mark.parametrize("seed", [4, 5, 6])
+def test_sign_reversed_from_the_start_is_covered_when_the_tracks_first_move(seed):
+    """The window in which they begin to move is no agreement: they had said nothing but zero until then."""
+    ride, samples = slow_camera((GyroSample, OdometrySample), REVERSED, seed, since=0.0)
+    _, error, sigma, _ = seen(samples, ride)
+    assert (np.abs(error) <= np.maximum(4.0 * sigma, 0.1)).all()
 
 
 def test_gyro_is_alone_once_the_camera_has_stopped():

@@ -110,7 +110,8 @@ def _luma(buffer: Image, encoding: str, height: int, width: int, step: int) -> I
     if step * height == buffer.size == round(planes * width * height) > width * height:
         step = width  # the step says how many bytes there are in all, not where the next row begins
     _check(buffer, encoding, height, width, step, width)
-    counted = buffer.size < round(planes * step * height) and round(height / planes) * planes == height
+    nearer = buffer.size < 0.5 * (1.0 + planes) * step * height  # than to what there is where they are not counted
+    counted = nearer and round(height / planes) * planes == height
     rows = round(height / planes) if counted else height
     return buffer[: step * rows].reshape(rows, step)[:, :width]
 

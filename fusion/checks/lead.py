@@ -66,13 +66,16 @@ class LeadWatch:
     def holds(self, sample: Sample) -> bool:
         """Whether a sample is not to be believed, or not yet; it is kept then."""
         sensor, t_ns = sensor_of(sample), sample.t_ns
-        lead, others_ns = self._leads.get(sensor), self._newest_of_others(sensor)
+        lead = self._leads.get(sensor)
         if isinstance(sample, YawIncrement) and sample.t_ref_ns in self._wrong_ns:
             return True
-        if lead is None or others_ns is None:
+        if lead is None:
             return False
         gap_ns = t_ns - lead.newest_ns
-        if sensor not in self._held and gap_ns - (lead.period_ns or 0) <= JITTER_NS:
+        if sensor not in self._held and (gap_ns <= JITTER_NS or gap_ns - (lead.period_ns or 0) <= JITTER_NS):
+            return False
+        others_ns = self._newest_of_others(sensor)
+        if others_ns is None:
             return False
         # as long as its lead is not known, it has jumped where others have
         jumped = lead.jumps(t_ns, others_ns) if lead.known else bool(self._held) and t_ns - others_ns > SILENT_NS
@@ -89,7 +92,7 @@ class LeadWatch:
 
     def hear(self, sensor: Sensor, t_ns: int) -> list[Sample]:
         """Note the stamp of a sample that is believed, and let those of its sensor go that waited until then."""
-        lead = self._leads.setdefault(sensor, Lead(t_ns))
+        lead = self._leads.get(sensor) or self._leads.setdefault(sensor, Lead(t_ns))
         if t_ns > lead.newest_ns:
             lead.gaps.append(t_ns - lead.newest_ns)
             lead.newest_ns, lead.fresh = t_ns, True
@@ -97,7 +100,7 @@ class LeadWatch:
             if one.fresh and other is not sensor and self._newest_of_others(other) == t_ns:
                 one.leads.append(one.newest_ns - t_ns)
                 one.fresh = False
-        held = _joined(self._held.pop(sensor, ()), t_ns)
+        held = _joined(self._held.pop(sensor), t_ns) if sensor in self._held else []
         self._against = self._against | {sensor} if self._held else set()
         if held and held[-1].t_ns - t_ns > lead.jitter_ns:  # the others have not caught up: its clock was set back
             self._wrong_ns = {one.t_ns for one in held if isinstance(one, YawIncrement)}

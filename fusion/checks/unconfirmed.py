@@ -28,6 +28,7 @@ from fusion.samples import OdometrySample
 ALIKE = 0.2  # of a turn; by less two that measure it need not differ to agree; not derived
 ALIKE_TURN = 1e-3  # rad, nor by less than the steps of an encoder
 WELL_WITHIN = 0.5  # standard deviations; what is forgotten at each agreement adds up; not derived
+HIDES = 0.5  # of a turn; who differs by more may as well not see it; not derived
 SLIP = 1.0  # standard deviations; by less slip what images, without a gyro, measure more exactly
 # Of what is unconfirmed, squared, where nobody else speaks: a sign reversed is twice as wrong, and stays within three
 # sigmas.
@@ -111,6 +112,8 @@ class Unconfirmed:
         Variance of what the tracks claim since, rad^2, but for their scale.
     seen : Belief or None
         What was believed at the last image that passed the gate.
+    beginning : bool
+        Whether no two sensors have agreed yet: since the start, at which a robot is taken to stand.
     """
 
     since: Belief
@@ -121,9 +124,16 @@ class Unconfirmed:
     pace_ns: int = SILENT_NS
     noise: float = 0.0
     seen: Belief | None = None
+    beginning: bool = False
+
+    def is_alone(self, t_ns: int) -> bool:
+        """Whether so much time has passed since the start that whoever speaks is the only one."""
+        return self.beginning and t_ns - self.since.t_ns > SILENT_NS
 
     def with_tracks(self, sample: OdometrySample) -> Unconfirmed:
         """After an odometry sample; after a pause nobody knows what they would have claimed in it."""
+        if self.beginning and self.tracks is None and sample.t_ns - self.since.t_ns <= RATE_SILENT_NS:
+            return replace(self, tracks=TracksSince.begin(sample, self.since.t_ns))
         if self.tracks is None or sample.t_ns - self.tracks.last.t_ns > RATE_SILENT_NS:
             return replace(self, tracks=None)
         return replace(self, tracks=self.tracks.add(sample))
@@ -143,15 +153,19 @@ class Unconfirmed:
 
         Not every one does: a camera's delay that is not known yet explains much at small rates.
         """
-        known = now.t_ns - self.since.t_ns <= SILENT_NS
+        known = self.beginning or now.t_ns - self.since.t_ns <= SILENT_NS
         turned = now.yaw - self.since.yaw
         return not known or innovation**2 <= CONTRADICTION_SIGMAS**2 * variance + (ALIKE * turned) ** 2
 
     def agrees(self, now: Belief) -> bool:
-        """Whether the tracks say the same since then, well within their noise."""
+        """Whether the tracks say the same since then, well within noise that hides no turn."""
         if self.tracks is None:
             return True
-        return self._beyond(now) ** 2 <= WELL_WITHIN**2 * (self.noise + self._by_scale(now))
+        beyond = self._beyond(now)
+        hidden = HIDES * max(abs(now.yaw - self.since.yaw), abs(self.tracks.turn_until(now.t_ns) / now.scale))
+        if abs(beyond) > max(hidden, ALIKE_TURN):
+            return False
+        return beyond**2 <= WELL_WITHIN**2 * (self.noise + self._by_scale(now))
 
     def contradiction(self, now: Belief) -> float | None:
         """By how much the yaw has turned more than the tracks say, rad, where that cannot be their noise."""

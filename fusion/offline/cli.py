@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
-from compass.errors import VisualCompassError
+from compass.errors import ConfigError, VisualCompassError
 from fusion.offline.commands import allan, report
 from fusion.offline.sensor_options import sensor_file_options
 from fusion.offline.verbosity import QuietGroup, say
@@ -97,6 +97,8 @@ def fuse(
     from fusion.offline.topics import TopicRequest
     from fusion.settings import load_settings
 
+    if end == 0.0:  # all, in a parameter file
+        raise ConfigError("--end: 0 s is not after the start; leave it out to fuse all")
     given = {"offline.smooth": smooth or None, "offline.start": start, "offline.end": end}
     settings = load_settings(config, {name: value for name, value in given.items() if value is not None})
     request = TopicRequest(image, gyro, odometry, truth)

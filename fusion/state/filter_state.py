@@ -168,12 +168,18 @@ class FilterState:
         """Two sensors agree; `rate_sigma`: of a turn rate that nobody measures, rad/s."""
         slipping = self.gates[Sensor.TRACKS].rejecting_since_ns is not None and self.hears(Sensor.COMPASS)
         slipping = slipping and self.believes(Sensor.GYRO) and not self.isolation.contradicted
-        witness = self.believes(Sensor.TRACKS) and (self.believes(Sensor.GYRO) or self.only_tracks_watch)
+        # tracks that have said nothing yet but zero may begin to speak before the next window is over
+        witness = self._speaks(Sensor.TRACKS) and (self.believes(Sensor.GYRO) or self.only_tracks_watch)
         t_ns = self.t_ns or 0
         claims = TracksSince.begin(self.tracks.last, t_ns) if witness and not slipping and self.tracks else None
         if self.unconfirmed is None:
             return Unconfirmed(self.belief, rate_sigma, claims)
-        return replace(self.unconfirmed, since=self.belief, tracks=claims, blind_ns=None, noise=0.0)
+        since = {"since": self.belief, "tracks": claims, "beginning": False}
+        return replace(self.unconfirmed, blind_ns=None, noise=0.0, **since)  # type: ignore[arg-type]
+
+    def begun(self, yaw: float, rate_sigma: float) -> Unconfirmed:
+        """Nobody has agreed yet with whoever speaks first; the robot is taken to stand at a yaw, rad."""
+        return Unconfirmed(replace(self.belief, yaw=yaw, rate=0.0), rate_sigma, beginning=True)
 
     @property
     def only_tracks_watch(self) -> bool:
@@ -183,7 +189,7 @@ class FilterState:
     @property
     def unconfirmed_variance(self) -> float:
         """What the yaw owes to one sensor only, rad^2."""
-        if self.unconfirmed is None:
+        if self.unconfirmed is None or (self.unconfirmed.beginning and not self.gates[Sensor.GYRO].report):
             return 0.0
         return self.unconfirmed.variance(self.belief, images=self.only_tracks_watch) + self.against_tracks
 
@@ -213,11 +219,15 @@ class FilterState:
         return ALTERNATIVE_PROBABILITY[Sensor.COMPASS] * max(beyond**2 - known**2, 0.0)
 
     def believes(self, sensor: Sensor) -> bool:
+        """Whether a gyro or tracks speak, have ever said anything but zero, and are not excluded."""
+        spoke = sensor is Sensor.GYRO or self.odometry_fields.pose or self.odometry_fields.twist
+        return spoke and self._speaks(sensor)
+
+    def _speaks(self, sensor: Sensor) -> bool:
         """Whether a gyro or tracks speak and are not excluded."""
         turn = self.turns.gyro if sensor is Sensor.GYRO else self.turns.tracks
-        spoke = sensor is Sensor.GYRO or self.odometry_fields.pose or self.odometry_fields.twist
         lately = turn is not None and (self.t_ns or 0) - turn.t_ns <= RATE_SILENT_NS
-        return lately and spoke and not self.isolation.excludes(sensor)
+        return lately and not self.isolation.excludes(sensor)
 
     @property
     def all_warnings(self) -> tuple[Warning, ...]:
