@@ -94,16 +94,10 @@ class BiasWalk:
         noise += LASTS * compass.noise**2 + (gyro.scale * compass.turn) ** 2
         timing = max(start.delay_sigma, TIMING)
         R = compass.noise**2 + (timing * (start.rate + window.rate_change)) ** 2
-        if self.t_ns != window.start_ns:  # joined to nothing: the bias goes on, the turn begins anew
-            known = self.drifts or (Drift(0.0, start.bias, 0.0, 0.0, start.bias_sigma**2),) * len(FACTORS)
-            since = (window.start_ns - (self.t_ns or window.start_ns)) * 1e-9
+        drifts = self.drifts
+        if self.t_ns != window.start_ns:  # joined to nothing: all begin with what the filter knows by now
             before = compass.noise**2 + (timing * start.rate) ** 2
-            drifts = tuple(
-                Drift(0.0, one.bias, before, 0.0, one.bias_variance + (factor * self.walk) ** 2 * since)
-                for one, factor in zip(known, FACTORS, strict=True)
-            )
-        else:
-            drifts = self.drifts
+            drifts = (Drift(0.0, start.bias, before, 0.0, start.bias_sigma**2),) * len(FACTORS)
         found = [
             one.after(beyond, seconds, factor * self.walk, noise, R)
             for one, factor in zip(drifts, FACTORS, strict=True)

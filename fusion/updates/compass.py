@@ -93,10 +93,7 @@ class CompassUpdate:
         if verdict is Verdict.ACCEPTED and state.paused_ns > (known_ns or event.sample.t_ref_ns):
             state.turn_count = state.turn_count.after(event.t_ns, measurement.innovation, expected.S)
         if known and not state.isolation.exclusions and not increment.long_baseline and not moved:
-            # by successive differences (von Neumann 1941): what drifts, or contradicts all the time, is no jitter
-            report = before.gates[Sensor.COMPASS].report
-            change = (measurement.innovation - (report.innovation if report else 0.0)) * math.sqrt(0.5)
-            state.jitter = state.jitter.after(change, others, rate)
+            state.jitter = state.jitter.after(measurement.innovation, others, rate)
         if verdict is None or excluded:
             ekf.anchor(since, measurement)
         if verdict is None or excluded or increment.long_baseline:
