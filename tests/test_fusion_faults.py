@@ -295,7 +295,8 @@ def test_images_whose_stamps_stray_are_believed_as_far_as_they_may(stray_s, rate
                 estimate = fusion.estimate()
                 normalised.append((estimate.yaw - rate * sample.t_ns * 1e-9) ** 2 / estimate.yaw_variance)
         assert fusion.reports()[Sensor.COMPASS].rejected < 9  # one in a hundred, while the stray is being learnt
-        assert fusion.estimate().gyro_bias == pytest.approx(0.003, abs=0.001)
+        # at 1 rad/s a scale off by one standard deviation is a bias of 0.001 rad/s
+        assert fusion.estimate().gyro_bias == pytest.approx(0.003, abs=0.0015)
     assert np.mean(normalised) < 2.0
 
 
