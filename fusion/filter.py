@@ -20,6 +20,7 @@ from fusion.buffer.events import (
     TracksEvent,
 )
 from fusion.checks.diagnosis import adds_up
+from fusion.checks.scale_conflict import ScaleConflict
 from fusion.checks.silence import RATE_SILENT_NS
 from fusion.config import FusionConfig
 from fusion.state.bias_prior import BiasPrior
@@ -61,6 +62,7 @@ class YawFilter:
         slip = LearntNoise.factor(config.slip_factor, TRACK_MEMORY)
         self.start = FilterState(
             YawEkf(config),
+            scale_conflict=ScaleConflict(config.initial_yaw),
             aided_yaw=config.initial_yaw,
             agreement=BiasPrior(sigmas, least) if min(sigmas) > 0.0 and not closed else None,
             bias_walk=BiasWalk.about(config.bias_walk, config.bias_walk_factor),
@@ -99,6 +101,7 @@ class YawFilter:
             self._compass.fuse(before, state, event)
         elif isinstance(event, HeadingEvent):
             state.ekf.turn_frame(event.heading, event.variance)
+            state.scale_conflict = replace(state.scale_conflict, yaw=float(state.x[State.YAW]))
         else:
             self._compass.refer(state, event)
         self._standstill.settle(state)
@@ -160,8 +163,10 @@ class YawFilter:
         x, P = self.start.x.copy(), self.start.P.copy()
         yaw = float(believed(state)[0][State.YAW]) + state.yaw_lead
         x[YAWS] = yaw
+        variance += state.scale_conflict.variance(yaw)
         P[np.ix_(YAWS, YAWS)] = float(state.P[State.YAW, State.YAW]) + variance
-        return replace(self.start.at(x, P), aided_yaw=yaw, turn_count=state.turn_count)
+        conflict = ScaleConflict(yaw)
+        return replace(self.start.at(x, P), scale_conflict=conflict, aided_yaw=yaw, turn_count=state.turn_count)
 
     def predicted(self, state: FilterState, t_ns: int) -> FilterState:
         """State at `t_ns`, ns, given that nothing was measured since; `state` itself where that is no later.

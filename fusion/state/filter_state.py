@@ -12,6 +12,7 @@ from fusion.checks.alternative import ALTERNATIVE_PROBABILITY
 from fusion.checks.gate import Gate
 from fusion.checks.isolation import Isolation
 from fusion.checks.refusal import Refusal
+from fusion.checks.scale_conflict import ScaleConflict
 from fusion.checks.silence import RATE_SILENT_NS, SILENT_NS
 from fusion.checks.turn_count import TurnCount
 from fusion.checks.unconfirmed import Belief, TracksSince, Unconfirmed
@@ -73,6 +74,8 @@ class FilterState:
         End of the last pause of all sensors that was long enough to turn round in, ns.
     turn_count : TurnCount
         What is not known of the number of full turns.
+    scale_conflict : ScaleConflict
+        By what factor gyro and compass differ.
     aided_yaw : float
         The yaw when a compass last measured it, or when it was set, rad: since then the gyro's scale counts.
     yaw_lead : float
@@ -108,6 +111,7 @@ class FilterState:
     bias_gain: BiasGain = field(default_factory=BiasGain)
     paused_ns: int = 0
     turn_count: TurnCount = field(default_factory=TurnCount)
+    scale_conflict: ScaleConflict = field(default_factory=lambda: ScaleConflict(0.0))
     aided_yaw: float = 0.0
     yaw_lead: float = 0.0
     agreement: BiasPrior | None = None
@@ -232,7 +236,7 @@ class FilterState:
     @property
     def all_warnings(self) -> tuple[Warning, ...]:
         """What is wrong, the turns that nobody counted included, most serious first."""
-        return tuple(most_serious_first((*self.warnings, *self.turn_count.warnings())))
+        return tuple(most_serious_first((*self.warnings, *self.scale_conflict.warnings(), *self.turn_count.warnings())))
 
     def hears(self, sensor: Sensor) -> bool:
         """Whether a sensor has measured the turning lately."""
@@ -264,6 +268,7 @@ def estimate_of(state: FilterState) -> YawEstimate | None:
         yaw_variance=float(seen @ P @ seen)
         + state.yaw_lead**2
         + state.scale_variance
+        + state.scale_conflict.variance(float(x[State.YAW]))
         + state.isolation.variance(state.t_ns)
         + state.unconfirmed_variance
         + state.turn_count.variance

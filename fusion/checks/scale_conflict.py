@@ -1,0 +1,61 @@
+"""Gyro and compass that turn by different factors: beyond what gyros err by, nobody can say which is wrong."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+from fusion.checks.warnings import Warning
+
+SIGMAS = 3.0  # of the gyro's prior: 1 in 370 gyros that are sound is beyond
+
+
+@dataclass(frozen=True, slots=True)
+class ScaleConflict:
+    """By what factor gyro and compass differ, beyond what the gyro's prior explains.
+
+    The filter follows the compass and learns the difference as the gyro's scale. The tracks' scale is free, they cannot
+    decide. If the compass is wrong instead, the yaw is wrong by that part of the whole turn.
+
+    Attributes
+    ----------
+    yaw : float
+        Where the turn began that is known only by both: the yaw at the start or when it was set, rad.
+    since_ns : int or None
+        Since when they differ by more than `SIGMAS`; None: they do not.
+    scale : float
+        Excess of the gyro's scale factor over the compass's, as learnt.
+    doubt : float
+        Part of the turn since `yaw` that is doubted, standard deviation.
+    """
+
+    yaw: float
+    since_ns: int | None = None
+    scale: float = 0.0
+    doubt: float = 0.0
+
+    def after(self, t_ns: int, scale: float, variance: float, sigma: float) -> ScaleConflict:
+        """With a scale that was learnt at `t_ns`, of a `variance`, for a prior of standard deviation `sigma`.
+
+        Up to `SIGMAS` it is taken for the gyro's and not doubted.
+        """
+        if abs(scale) <= SIGMAS * sigma:
+            return self if self.since_ns is None else ScaleConflict(self.yaw)
+        since_ns = t_ns if self.since_ns is None else self.since_ns
+        doubt = math.sqrt(scale**2 + variance)
+        return replace(self, since_ns=since_ns, scale=scale, doubt=doubt)
+
+    def variance(self, yaw: float) -> float:
+        """Variance, rad^2, of the turn up to a yaw, rad."""
+        return (self.doubt * (yaw - self.yaw)) ** 2
+
+    def warnings(self) -> tuple[Warning, ...]:
+        """Both claims in words, if they differ."""
+        if self.since_ns is None:
+            return ()
+        ratio = 1.0 + self.scale
+        text = (
+            f"the gyro turns {ratio:.2f} times as far as the images: either its scale factor is {ratio:.2f}, or the"
+            f" images show {360.0 / ratio:.0f} degrees, not 360; the yaw may be wrong by that"
+        )
+        return (Warning("sensors_disagree_scale", "compass+gyro", self.since_ns, text),)

@@ -1,0 +1,39 @@
+"""Gyro and compass that turn by different factors: the yaw's sigma holds the difference, and a warning names both."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from robot_drive import HZ, Eyes, sensed
+
+from compass import YawIncrement
+from fusion import GyroSample, YawPipeline
+
+
+@pytest.mark.parametrize(("gyro", "compass"), [(1.0, 1.0), (1.0, 1.05), (1.0, 0.95), (1.05, 1.0)])
+def test_yaw_owns_up_to_a_conflict_of_scales(gyro, compass):
+    rate = np.convolve(np.repeat([0.2, -0.15, 0.25, 0.1], 8 * HZ), np.hanning(HZ) / np.hanning(HZ).sum(), "same")
+    eyes = Eyes(hold=5.0, noise=2e-4, lasts=8e-5, time=6.0, claims_all=False)
+    drive = sensed(np.random.default_rng(3), rate, np.full(rate.size, 0.8), hertz=(50, 20, 5), eyes=eyes)
+    pipeline, over, widest = YawPipeline(), [], 0.0
+    for sample in drive.samples:
+        if isinstance(sample, GyroSample):
+            sample = replace(sample, yaw_rate=gyro * sample.yaw_rate)
+        elif isinstance(sample, YawIncrement):
+            sample = replace(sample, yaw=compass * sample.yaw)
+        pipeline.add(sample)
+        estimate = pipeline.estimate()
+        if estimate is not None and estimate.t_ns > 1_000_000_000:
+            error = estimate.yaw - float(np.interp(estimate.t_ns * 1e-9, drive.t, drive.yaw))
+            sigma = math.sqrt(estimate.yaw_variance)
+            if estimate.warnings:  # it takes some turns to learn the difference
+                over.append(abs(error) / max(sigma, math.radians(0.02)) > 4.0)
+            widest = max(widest, sigma)
+    named = {warning.sensor for warning in pipeline.warnings() if warning.code == "sensors_disagree_scale"}
+    assert not any(over)
+    if gyro == compass:
+        assert not named
+        assert widest < math.radians(1.0)
+    else:
+        assert named == {"compass+gyro"}
