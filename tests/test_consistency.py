@@ -37,6 +37,7 @@ def modelled(seed, *, rate_walk_factor=1.0, slip_factor=1.0, **fields):
         watched_rate_walk=FusionConfig().rate_walk,  # the drawn robot moves alike whether a gyro watches or not
         rate_walk_factor=rate_walk_factor,
         slip_factor=slip_factor,
+        gyro_sigma_factor=1.0,
         gyro_scale_sigma=0.0,  # without a compass its part is in the estimate's variance, not in the state's
         **fields,
     )

@@ -16,7 +16,13 @@ from fusion.smoother import smooth
 from fusion.state.ekf import LASTING
 
 # normal priors, as drawn
-PRIORS = {"least_bias_sigma": 0.005, "least_veer_sigma": 0.015, "rate_walk_factor": 1.0, "slip_factor": 1.0}
+PRIORS = {
+    "least_bias_sigma": 0.005,
+    "least_veer_sigma": 0.015,
+    "rate_walk_factor": 1.0,
+    "slip_factor": 1.0,
+    "gyro_sigma_factor": 1.0,
+}
 LINEAR = FusionConfig(
     **PRIORS,
     gyro_scale_sigma=0.0,
