@@ -40,6 +40,10 @@ class FusionConfig(ParameterSet):
     gyro_sigma: float = parameter(
         0.0025, "white noise of one gyro sample, standard deviation", unit="rad/s", low=1e-6, high=10.0
     )
+    gyro_sigma_factor: float = parameter(
+        2.0, "1-sigma factor of the prior on it; > 1 estimates it online, where it is more, 1 keeps it",
+        low=1.0, high=10.0,
+    )  # fmt: skip
     initial_bias_sigma: float = parameter(
         0.005, "gyro bias to expect at the start, standard deviation", unit="rad/s", low=1e-6, high=1.0
     )

@@ -27,6 +27,7 @@ from fusion.state.bias_prior import BiasPrior
 from fusion.state.bias_walk import BiasWalk
 from fusion.state.ekf import YAWS, Correction, State, Transition, YawEkf
 from fusion.state.filter_state import FilterState, believed
+from fusion.state.gyro_noise import GyroNoise
 from fusion.state.learnt_noise import LearntNoise
 from fusion.updates.compass import CompassUpdate
 from fusion.updates.fault_isolation import FaultIsolation
@@ -70,6 +71,7 @@ class YawFilter:
             rate_walk_scale=LearntNoise.factor(config.rate_walk_factor, GYRO_MEMORY),
             slip_turn=slip,
             slip_speed=slip,
+            gyro_noise=GyroNoise.prior(config.gyro_sigma_factor),
         )
 
     def step(

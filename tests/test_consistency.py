@@ -38,6 +38,7 @@ def modelled(seed, *, rate_walk_factor=1.0, bias_walk_factor=1.0, slip_factor=1.
         rate_walk_factor=rate_walk_factor,
         bias_walk_factor=bias_walk_factor,
         slip_factor=slip_factor,
+        gyro_sigma_factor=1.0,
         gyro_scale_sigma=0.0,  # without a compass its part is in the estimate's variance, not in the state's
         **fields,
     )

@@ -15,6 +15,7 @@ S = 10**9
 STEADY = {
     "initial_rate_sigma": 1e-3, "rate_walk": 1e-4, "watched_rate_walk": 1e-4, "rate_walk_factor": 1.0,
     "initial_bias_sigma": 1e-6, "least_bias_sigma": 1e-6, "bias_walk": 0.0, "gyro_scale_sigma": 0.0,
+    "gyro_sigma_factor": 1.0,
     "track_timing": 0.0, "track_slip_turn": 0.0, "track_slip_speed": 0.0, "slip_factor": 1.0,
     "veer_sigma": 0.0, "initial_scale_sigma": 1e-6, "scale_walk": 0.0,
     "compass_timing": 0.0, "camera_delay_sigma": 0.0,

@@ -22,6 +22,7 @@ PRIORS = {
     "rate_walk_factor": 1.0,
     "bias_walk_factor": 1.0,
     "slip_factor": 1.0,
+    "gyro_sigma_factor": 1.0,
 }
 LINEAR = FusionConfig(
     **PRIORS,

@@ -9,14 +9,14 @@ from fusion.config import FusionConfig
 from fusion.updates.standstill import CREEP, CREEP_RATE
 
 
-def gyro_claim(turns: Turns, start_ns: int, t_ns: int, config: FusionConfig) -> Claim | None:
+def gyro_claim(turns: Turns, start_ns: int, t_ns: int, config: FusionConfig, gyro_noise: float = 1.0) -> Claim | None:
     """By how much the robot turned as the gyro says; None where it did not measure all of it."""
     gyro, known, seconds = turns.gyro, turns.start, (t_ns - start_ns) * 1e-9
     if gyro is None or not gyro.spans(start_ns, t_ns):
         return None
     gain = 1.0 + known.gyro_scale
     turn = (gyro.turn_until(t_ns) - known.bias * seconds) / gain
-    noise = config.gyro_sigma * seconds / math.sqrt(gyro.count)
+    noise = config.gyro_sigma * math.sqrt(gyro_noise) * seconds / math.sqrt(gyro.count)
     held = config.rate_walk * ((t_ns - gyro.t_ns) * 1e-9) ** 1.5 / math.sqrt(3.0)  # since its last sample
     noise = math.hypot(noise, known.bias_sigma * seconds, held, math.sqrt(gyro.unseen))
     return Claim(turn, noise, known.gyro_scale_sigma / gain)

@@ -14,6 +14,7 @@ from fusion.buffer.events import Sensor
 from fusion.checks.silence import SILENT_NS
 from fusion.samples import GyroSample, OdometrySample
 from fusion.state.ekf import State, YawEkf
+from fusion.state.gyro_noise import SAME
 from fusion.updates.standstill import CompassTurn
 
 WINDOW_NS = 500_000_000  # not derived
@@ -24,7 +25,6 @@ LONGEST_GAP = 0.4  # of a window, in which an integrated sensor may have been si
 FASTEST_ROBOT = 4.0 * math.pi  # rad/s; two turns a second, faster than tracked robots spin
 BEYOND = 4  # one sample in so many of a window beyond that is no spike
 SAME_NUMBER = 10  # samples in a row that are one number: no gyro that works does that
-SAME = 1e-6  # rad/s; less than any gyro's least step, more than one number varies when it is levelled
 
 
 @dataclass(frozen=True, slots=True)

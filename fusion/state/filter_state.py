@@ -24,6 +24,7 @@ from fusion.state.bias_prior import BiasPrior
 from fusion.state.bias_walk import BiasWalk
 from fusion.state.clones import Clones
 from fusion.state.ekf import Array, Correction, State, Transition, YawEkf
+from fusion.state.gyro_noise import GyroNoise
 from fusion.state.learnt_noise import LearntNoise
 from fusion.updates.image_timing import GyroTrail
 from fusion.updates.odometry import OdometryFields, TrackClaim
@@ -90,6 +91,8 @@ class FilterState:
     rate_walk_scale, slip_turn, slip_speed : LearntNoise
         How much less or more than configured the turn rate changes while a gyro watches, and the tracks slip by turning
         and by driving: factors.
+    gyro_noise : GyroNoise
+        How much noisier than configured the gyro is.
     """
 
     ekf: YawEkf
@@ -120,6 +123,7 @@ class FilterState:
     rate_walk_scale: LearntNoise = field(default_factory=lambda: LearntNoise(1.0))
     slip_turn: LearntNoise = field(default_factory=lambda: LearntNoise(1.0))
     slip_speed: LearntNoise = field(default_factory=lambda: LearntNoise(1.0))
+    gyro_noise: GyroNoise = field(default_factory=GyroNoise)
 
     @property
     def x(self) -> Array:

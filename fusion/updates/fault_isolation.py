@@ -113,7 +113,7 @@ class FaultIsolation:
         return Window(
             start_ns,
             t_ns,
-            gyro_claim(turns, start_ns, t_ns, self._config),
+            gyro_claim(turns, start_ns, t_ns, self._config, state.gyro_noise.factor.variance),
             tracks_claim(turns, start_ns, t_ns, self._config, *slip),
             seen,
             float(x[State.YAW]) - turns.start.yaw,

@@ -61,8 +61,13 @@ class GyroUpdate:
         state.gyro_vague = vague
         if vague:
             return
+        if state.gyro_noise.repeats(sample.yaw_rate, self._config.gyro_sigma):
+            self._learn_noise(state, sample)
+            return
         state.turns = state.turns.with_gyro(sample)
         variance = self.sigma(state, sample) ** 2
+        if sample.variance is None:
+            variance += state.gyro_noise.variance(sample.yaw_rate, self._config.gyro_sigma)
         if abs(sample.yaw_rate) > FASTEST_ROBOT:
             return
         measurement = gyro_measurement(
@@ -79,7 +84,18 @@ class GyroUpdate:
             state.rate_walk_scale = state.rate_walk_scale.after(measurement.innovation, measurement.R, walked)
         if verdict is not Verdict.REJECTED:
             state.trail = state.trail.add(sample)
+            self._learn_noise(state, sample)
         self._recover(state, event, measurement, verdict, refused)
+
+    def _learn_noise(self, state: FilterState, sample: GyroSample) -> None:
+        """Learn the noise from a sample that does not tell it."""
+        if sample.variance is None:
+            config = self._config
+            # what this noise makes of the turn rate is no walk: beyond what is configured that does not count
+            walk = config.watched_rate_walk * math.sqrt(min(state.ekf.rate_walk_scale, 1.0))
+            state.gyro_noise = state.gyro_noise.after(
+                sample.t_ns, sample.yaw_rate, config.gyro_sigma, walk, config.rate_ramp
+            )
 
     def _recover(
         self, state: FilterState, event: GyroEvent, measurement: Measurement, verdict: Verdict, refused: Gate
@@ -111,7 +127,7 @@ class GyroUpdate:
         """Standard deviation of a sample's noise, rad/s; at rest, where nothing shakes the gyro, as it is seen."""
         if sample.variance is not None:
             return math.sqrt(sample.variance)
-        return state.stillness.gyro_noise(self._config.gyro_sigma)
+        return state.stillness.gyro_noise(self._config.gyro_sigma * math.sqrt(state.gyro_noise.factor.variance))
 
 
 def gyro_measurement(

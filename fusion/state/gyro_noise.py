@@ -1,0 +1,101 @@
+"""Noise of a gyro, learnt from its own samples: how they scatter about a smooth turn, and which are no news."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+from fusion.state.learnt_noise import LearntNoise
+
+# Not derived: `NOISE_FACTORS`, `NOISE_MEMORY`, `NOISE_TAIL`, `COARSEST`, `HOLDS`.
+NOISE_FACTORS = tuple(2.0 ** (k / 2.0) for k in range(11))  # 1 to 32, on what is configured
+NOISE_MEMORY = 500.0  # third differences, each of four samples
+NOISE_TAIL = 10.0  # degrees of freedom; robots start and bump
+COARSEST = 0.1  # rad/s; no gyro's resolution is more
+HOLDS = 5  # numbers in a row, each sent more than once, that make a gyro one that is sent more often than it measures
+SAME = 1e-6  # rad/s; less than any gyro's least step, more than one number varies when it is levelled
+
+
+def third_difference(walk: float, ramp: float, dt: float) -> float:
+    """Variance, (rad/s)^2, that a turn rate gives to the third difference of samples `dt` s apart.
+
+    Its acceleration is Gauss-Markov of correlation time `ramp`, s; over long times the rate walks by `walk`, rad/s a
+    square root of a second.
+    """
+    kept = math.exp(-dt / ramp)
+    own, next_one = dt - ramp * (1.0 - kept), 0.5 * ramp * (1.0 - kept) ** 2
+    return walk**2 * max(6.0 * own - 8.0 * next_one + 2.0 * next_one * kept, 0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class GyroNoise:
+    """What a gyro's samples say of their noise.
+
+    Attributes
+    ----------
+    factor : LearntNoise
+        On the noise that is configured.
+    rates : tuple of float
+        The last samples that the next third difference needs, rad/s.
+    since_ns : int
+        Stamp of the first of these.
+    rate : float or None
+        The last sample, rad/s.
+    run, held : int
+        How often that number came in a row, and the one before.
+    holds : int
+        How many numbers in a row came more than once.
+    coarse : bool
+        Whether a number has ever come twice in a row: numbers finer than the noise hardly do.
+    step : float
+        Least change between two samples, rad/s: no less than the resolution.
+    """
+
+    factor: LearntNoise = field(default_factory=lambda: LearntNoise(1.0))
+    rates: tuple[float, ...] = ()
+    since_ns: int = 0
+    rate: float | None = None
+    run: int = 1
+    held: int = 1
+    holds: int = 0
+    coarse: bool = False
+    step: float = math.inf
+
+    @staticmethod
+    def prior(factor: float) -> GyroNoise:
+        """Before the first sample: the noise is as configured but for this `factor`, as a standard deviation."""
+        return GyroNoise(LearntNoise.about(1.0, factor, NOISE_FACTORS, NOISE_MEMORY, NOISE_TAIL))
+
+    def variance(self, rate: float, sigma: float) -> float:
+        """Of what a sample (rad/s) is off by, (rad/s)^2, beyond its noise `sigma`, rad/s: the numbers are that coarse.
+
+        Rounded or truncated, it is off by the same all the while that it is one number: all these are one measurement.
+        """
+        if not (self.coarse and sigma < self.step <= COARSEST):
+            return 0.0
+        return self.step**2 / 3.0 * (self.run + 1 if self._again(rate) else 1)
+
+    def repeats(self, rate: float, sigma: float) -> bool:
+        """Whether a sample (rad/s) is the last one sent again: the resolution is finer than the noise `sigma`."""
+        return self._again(rate) and self.holds >= HOLDS and self.run < 2 * self.held and self.step < sigma
+
+    def _again(self, rate: float) -> bool:
+        return self.rate is not None and abs(rate - self.rate) <= SAME
+
+    def after(self, t_ns: int, rate: float, sigma: float, walk: float, ramp: float) -> GyroNoise:
+        """After a sample of a gyro whose noise is configured as `sigma`, rad/s; the rest as `third_difference`."""
+        run, held, holds, coarse, step = self.run, self.held, self.holds, self.coarse, self.step
+        if self.rate is not None:
+            change = abs(rate - self.rate)
+            if change <= SAME:
+                run, coarse = run + 1, True
+            else:
+                held, run, holds = run, 1, holds + 1 if run > 1 else 0
+                step = min(step, change)
+        rates, since_ns, factor = (*self.rates, rate), self.since_ns if self.rates else t_ns, self.factor
+        if len(rates) == 4:
+            a, b, c, d = rates
+            motion = third_difference(walk, ramp, (t_ns - since_ns) * 1e-9 / 3.0) / 20.0
+            factor = factor.after((d - a + 3.0 * (b - c)) / math.sqrt(20.0), motion, sigma)
+            rates = ()
+        return GyroNoise(factor, rates, since_ns, rate, run, held, holds, coarse, step)
