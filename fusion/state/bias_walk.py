@@ -46,6 +46,12 @@ class Drift:
         return drift, likelihood
 
 
+def _mean_square(weights: tuple[float, ...]) -> float:
+    """Of `FACTORS` by their log-weights."""
+    shares = list(map(math.exp, weights))
+    return sum(share * factor**2 for share, factor in zip(shares, FACTORS, strict=True)) / sum(shares)
+
+
 @dataclass(frozen=True, slots=True)
 class BiasWalk:
     """Random walks that a bias may have, and their weights.
@@ -61,7 +67,7 @@ class BiasWalk:
     t_ns : int or None
         When the last window ended, ns.
     scale : float
-        Squared factor on the walk: its mean.
+        Squared factor on the walk: its mean over that of the prior, so that without a compass it is one.
     """
 
     walk: float
@@ -72,9 +78,8 @@ class BiasWalk:
     scale: float = field(init=False, compare=False)
 
     def __post_init__(self) -> None:
-        shares = list(map(math.exp, self.weights))
-        squares = sum(share * factor**2 for share, factor in zip(shares, FACTORS, strict=False))
-        object.__setattr__(self, "scale", squares / sum(shares) if shares else 1.0)
+        scale = _mean_square(self.weights) / _mean_square(self.prior) if self.prior else 1.0
+        object.__setattr__(self, "scale", scale)
 
     @staticmethod
     def about(walk: float, factor: float) -> BiasWalk:
