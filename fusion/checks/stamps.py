@@ -22,7 +22,7 @@ from fusion.checks.warnings import Warning
 LONE_NS = 200_000_000  # of stamps by the only sensor there is
 MAJORITY_NS = 800_000_000  # by two of three
 ABANDONED_NS = 5_000_000_000  # by anyone, while nobody is left at the time that was
-PAUSE_SHARE = 20  # of a jump of time that samples after it must span to be believed; not derived
+PAUSE_SHARE = 20  # a jump of time is believed after samples that span one part in so many of it; not derived
 BACKLOG_NS = 10_000_000_000  # backwards, where two of three may be a link's backlog; more than its queues hold
 MOST_WAITING = 4000  # samples, ten seconds of all sensors
 MISMATCHES = 20  # samples in a row from another time: not a link that hung, but a clock; not derived
@@ -80,9 +80,8 @@ class Elsewhen:
         if not missing:
             return span_ns >= LONE_NS or (self.ahead and len(sensors) > 1)
         jump_ns = abs(group[0].t_ns - newest_ns)
-        abandoned_ns = min(
-            max(LONE_NS, jump_ns // PAUSE_SHARE), ABANDONED_NS
-        )  # a short pause is likelier than a long one
+        # a short pause is likelier than a long one
+        abandoned_ns = min(max(LONE_NS, jump_ns // PAUSE_SHARE), ABANDONED_NS)
         if not self.against and span_ns >= (abandoned_ns if self.ahead else BACKLOG_NS):
             return True
         return len(sensors) > max(missing, 1) and span_ns >= (MAJORITY_NS if self.ahead else BACKLOG_NS)

@@ -12,7 +12,7 @@ import math
 from dataclasses import dataclass, field
 
 from fusion.checks.windows import Start, Window
-from fusion.state.learnt_noise import _normalised
+from fusion.state.learnt_noise import normalised
 
 FACTORS = tuple(4.0**k for k in range(5))  # on the random walk as configured
 # Not derived: `MEMORY`, `TAIL`, `TIMING`, `LASTS`.
@@ -86,7 +86,7 @@ class BiasWalk:
         """Known but for a factor, as a standard deviation; 1: exactly."""
         if walk == 0.0 or factor == 1.0:
             return BiasWalk(walk)
-        prior = _normalised([-0.5 * (math.log(one) / math.log(factor)) ** 2 for one in FACTORS])
+        prior = normalised([-0.5 * (math.log(one) / math.log(factor)) ** 2 for one in FACTORS])
         return BiasWalk(walk, prior, prior)
 
     def after(self, window: Window, start: Start) -> BiasWalk:
@@ -112,4 +112,4 @@ class BiasWalk:
             (1.0 - forgotten) * weight + forgotten * prior + likelihood
             for weight, prior, (_, likelihood) in zip(self.weights, self.prior, found, strict=True)
         ]
-        return BiasWalk(self.walk, self.prior, _normalised(weights), tuple(one for one, _ in found), window.t_ns)
+        return BiasWalk(self.walk, self.prior, normalised(weights), tuple(one for one, _ in found), window.t_ns)

@@ -43,7 +43,7 @@ class LearntNoise:
         """Known to be `sigma` but for a factor, as a standard deviation; 1: exactly."""
         if sigma == 0.0 or factor == 1.0:
             return LearntNoise(sigma)
-        prior = _normalised([-0.5 * (math.log(one / sigma) / math.log(factor)) ** 2 for one in values])
+        prior = normalised([-0.5 * (math.log(one / sigma) / math.log(factor)) ** 2 for one in values])
         return LearntNoise(sigma, tuple(one**2 for one in values), prior, prior, memory, tail)
 
     @staticmethod
@@ -76,10 +76,10 @@ class LearntNoise:
             - 0.5 * (log(S := others + square * squared) + power * log(1.0 + scaled / S))
             for weight, prior, square in zip(self.weights, self.prior, self.squares, strict=True)
         ]
-        return LearntNoise(self.known, self.squares, _normalised(weights), self.prior, self.memory, self.tail)
+        return LearntNoise(self.known, self.squares, normalised(weights), self.prior, self.memory, self.tail)
 
 
-def _normalised(weights: list[float]) -> tuple[float, ...]:
+def normalised(weights: list[float]) -> tuple[float, ...]:
     """Log-weights of which the largest is zero."""
     top = max(weights)
     return tuple([weight - top for weight in weights])
