@@ -112,7 +112,11 @@ class FusionNode(Node):
         """Add samples and publish what they changed."""
         for sample in samples:
             sensor = sensor_of(sample)
-            if not self._pipeline.add(sample):
+            before = self._taken(sensor)
+            taken = self._pipeline.add(sample)
+            for _ in range(self._taken(sensor) - before - taken):  # samples that had waited
+                self._count(sensor, sample.t_ns)
+            if not taken:
                 why = fault_of(sample) or "late beyond lag_window, far ahead of all others, or known already"
                 self._log(self._links[sensor].name, f"refused: {why}")
             elif not (isinstance(sample, YawIncrement) and sample.long_baseline):  # that is the second of its image
@@ -120,6 +124,11 @@ class FusionNode(Node):
                 if self._reckoning and isinstance(sample, OdometrySample):
                     self._reckoning.add(sample)
         self._publish()
+
+    def _taken(self, sensor: Sensor) -> int:
+        """How many samples of a sensor the filter has been given so far."""
+        counts = self._pipeline.fusion.counts
+        return counts[f"{sensor.value}: in order"] + counts[f"{sensor.value}: late"]
 
     def _count(self, sensor: Sensor, t_ns: int) -> None:
         """Note whether the filter used a sample that it took in."""
