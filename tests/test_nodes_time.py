@@ -42,6 +42,18 @@ def robot():
     robot.close()
 
 
+def meet(robot, gyro, fused):
+    """Wait until answers arrive: those before node and listener have met are lost, and a stamp is answered once."""
+    last = [START_NS - 10**10]
+
+    def still():
+        last[0] += STEP_NS
+        gyro(imu_message(last[0], 0.0))
+
+    send_until(still, lambda: reached(fused, last[0]), "a first answer", pause=0.1)
+    robot.call(Empty, "/fusion_node/reset", Empty.Request())
+
+
 def turn(gyro, fused, start_ns, steps):
     """Feed the gyro step by step and wait for each answer; returns the yaw of the last."""
     for k in range(steps):
@@ -65,14 +77,7 @@ def test_reset_and_set_pose_act_on_the_fused_yaw(robot, tmp_path):
     with started("nodes.fusion_node", tmp_path / "log") as node:
         fused = robot.listen(Odometry, "/odometry/fused")
         gyro = robot.connect(Imu, "/imu/data")
-        met = [START_NS - 10**10]
-
-        def still():  # a new stamp each time: the answers before the two have met are lost, and none is given twice
-            met[0] += STEP_NS
-            gyro(imu_message(met[0], 0.0))
-
-        send_until(still, lambda: reached(fused, met[0]), "a first answer", pause=0.1)
-        robot.call(Empty, "/fusion_node/reset", Empty.Request())
+        meet(robot, gyro, fused)
         # Rate 1 rad/s from the first sample on: after n steps the yaw is n * 0.01 rad. The gyro's bias is not known
         # to better than 0.02 rad/s (config), the same for every sample: 0.02 * 0.3 s = 0.006 rad.
         assert turn(gyro, fused, START_NS, 31) == pytest.approx(0.30, abs=0.02)
@@ -159,7 +164,7 @@ def test_one_stamp_far_ahead_does_not_stop_the_fused_yaw(robot, tmp_path):
     with started("nodes.fusion_node", tmp_path / "log") as node:
         fused = robot.listen(Odometry, "/odometry/fused")
         gyro = robot.connect(Imu, "/imu/data")
-        robot.wait_publisher("/odometry/fused")
+        meet(robot, gyro, fused)
         turn(gyro, fused, START_NS, 30)
         far = imu_message(START_NS + 10**17, RATE)
         send_until(lambda: gyro(far), lambda: "far ahead" in node.text(), "the stamp refused")
