@@ -17,6 +17,7 @@ from filterpy.kalman import ExtendedKalmanFilter
 from compass import wrap_angle
 from fusion.buffer.events import NONSENSE_RATE
 from fusion.config import FusionConfig
+from fusion.record import record
 from fusion.state.bounds import (
     LONGEST_STEP,
     LOST_YAW,
@@ -63,7 +64,7 @@ TURNING = np.s_[: State.ACCELERATION + 1, : State.ACCELERATION + 1]  # yaw, rate
 YAWS = np.array([s in (State.YAW, State.TRACK_REF, State.STILL_REF) or s >= State.CLONE for s in range(DIM)])
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Measurement:
     """A scalar measurement, linearised at the present state.
 

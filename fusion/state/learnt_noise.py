@@ -9,7 +9,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
+
+from fusion.record import record
 
 JITTERS = tuple(1e-4 * 10.0 ** (k / 4.0) for k in range(12))  # s, 0.1 to 56 ms of timestamp jitter
 # Not derived: `JITTER_MEMORY`, `JITTER_TAIL`, `FACTOR_TAIL`.
@@ -19,7 +21,7 @@ FACTORS = tuple(2.0 ** (k / 2.0) for k in range(-8, 5))  # 1/16 to 4, on what is
 FACTOR_TAIL = 30.0  # slips and starts are rare and large
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class LearntNoise:
     """What is known of a standard deviation: `known` if nothing else is, else log-weights of the squares it may have.
 
