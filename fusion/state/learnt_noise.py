@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import field
+from operator import mul
 
 from fusion.record import record
 
@@ -62,7 +63,8 @@ class LearntNoise:
         if not self.weights:
             return self.known**2
         shares = list(map(math.exp, self.weights))
-        return sum([share * square for share, square in zip(shares, self.squares, strict=True)]) / sum(shares)
+        total: float = sum(map(mul, shares, self.squares))
+        return total / sum(shares)
 
     def after(self, innovation: float, others: float, gain: float) -> LearntNoise:
         """After an innovation in which it shows `gain` times; `others` is the variance for all other reasons."""
