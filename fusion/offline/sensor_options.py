@@ -1,13 +1,15 @@
-"""Options of the command that name files of sensors, beside a video or a folder of images."""
+"""Options of commands that name the sensors: their topics, or files beside a video or a folder of images."""
 
 from __future__ import annotations
 
 import functools
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import click
+
+Command = TypeVar("Command", bound=Callable[..., None])
 
 GYRO_COLUMNS = "t (s) or t_ns; yaw_rate (rad/s, left positive), or gx,gy,gz (rad/s) and ax,ay,az (m/s^2)"
 ODOMETRY_COLUMNS = "t (s) or t_ns; yaw_rate (rad/s) or yaw (rad) or both, left positive; speed (m/s)"
@@ -68,3 +70,16 @@ def sensor_file_options(command: Callable[..., None]) -> Callable[..., None]:
     ):
         with_files = option(with_files)
     return with_files
+
+
+def topic_options(command: Command) -> Command:
+    """Options that name topics; each is found by its type when left out."""
+    for sensor, what in (
+        ("truth", "Ground truth, nav_msgs/Odometry."),
+        ("odometry", "Track odometry, nav_msgs/Odometry."),
+        ("gyro", "Gyro, sensor_msgs/Imu."),
+        ("image", "Panoramas, sensor_msgs/Image or CompressedImage."),
+    ):
+        text = f"{what} 'none' leaves it out."
+        command = click.option(f"--{sensor}-topic", sensor, metavar="T", help=text)(command)
+    return command

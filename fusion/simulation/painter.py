@@ -39,6 +39,7 @@ class _Canvas:
         self.tangent = np.tan(np.clip(self.elevation, -STEEPEST, STEEPEST)).astype(np.float32)
         self.step, self.columns = raster.step, raster.columns
         self.azimuth = pose.yaw + np.pi - (np.arange(self.columns) + 0.5) * self.step
+        self.cos, self.sin = np.cos(self.azimuth), np.sin(self.azimuth)
         self.grey = np.zeros((self.columns, self.tangent.size), np.float32)
 
     def rows_between(self, low: float, high: float) -> slice:
@@ -47,18 +48,27 @@ class _Canvas:
         last = int(np.searchsorted(self.falling, -low, side="left"))
         return slice(max(first, 0), min(max(last, 0), self.tangent.size))
 
-    def cover(self, rows: slice, low: Floats, high: Floats, alpha: Floats) -> Array:
-        """Covered share of each pixel of a block by what lies between the tangents `low`..`high` in each column."""
+    def lay(self, columns: slice, rows: slice, grey: Array, low: Floats, high: Floats, alpha: Floats) -> None:
+        """Lay `grey` over a block of pixels: in each column between the tangents `low`..`high`, with weight `alpha`."""
+        # what is covered whole in all columns needs no weights
+        first = max(int(np.searchsorted(self.falling, -float(high.min()), side="left")), rows.start)
+        last = min(int(np.searchsorted(self.falling, -float(low.max()), side="right")) - 1, rows.stop)
+        if alpha.min() < 1.0 or last <= first:
+            first = last = rows.stop
+        self.grey[columns, first:last] = grey[:, first - rows.start : last - rows.start]
+        for part in (slice(rows.start, first), slice(last, rows.stop)):
+            if part.stop > part.start:
+                self._blend(columns, part, grey[:, part.start - rows.start : part.stop - rows.start], low, high, alpha)
+
+    def _blend(self, columns: slice, rows: slice, grey: Array, low: Floats, high: Floats, alpha: Floats) -> None:
+        """`lay` where pixels are covered in part."""
         share = np.minimum(self.upper[rows], high.astype(np.float32)[:, None])
         share -= np.maximum(self.lower[rows], low.astype(np.float32)[:, None])
         share *= self.per_row[rows]
-        np.clip(share, 0.0, 1.0, out=share)
+        np.maximum(share, 0.0, out=share)
+        np.minimum(share, 1.0, out=share)
         if alpha.min() < 1.0:
             share *= alpha.astype(np.float32)[:, None]
-        return share
-
-    def blend(self, columns: slice, rows: slice, grey: Array, share: Array) -> None:
-        """Lay `grey` over the block with weight `share`."""
         block = self.grey[columns, rows]
         grey -= block
         grey *= share
@@ -76,10 +86,8 @@ class _Canvas:
         )
         # A plane seen at a grazing angle is a long narrow footprint; a third of its length keeps the detail across.
         level = ground.level(np.maximum(across, along / 3.0))
-        cos, sin = np.cos(self.azimuth[columns]), np.sin(self.azimuth[columns])
-        x = np.float32(self.pose.x) + cos.astype(np.float32)[:, None] * distance.astype(np.float32)
-        y = np.float32(self.pose.y) + sin.astype(np.float32)[:, None] * distance.astype(np.float32)
-        return self.dim(ground.sample(x, y, level.astype(np.float64)), distance[None, :])
+        grey = ground.sample((self.pose.x, self.pose.y), self.cos[columns], self.sin[columns], distance, level)
+        return self.dim(grey, distance[None, :])
 
     def dim(self, grey: Array, distance: Floats) -> Array:
         """What fog leaves of `grey` at a horizontal `distance`, m, that broadcasts to it; paints in place."""
@@ -166,7 +174,7 @@ def _paint_solid(canvas: _Canvas, sight: _Sight) -> None:
         pixel = near * canvas.step
         level = solid.skin.level(pixel / np.maximum(sight.hits.facing[part], 1e-3), pixel)
         grey = solid.skin.sample(sight.hits.u[part], np.full(near.shape, above), -near, canvas.tangent[rows], level)
-        canvas.blend(columns, rows, canvas.dim(grey, near[:, None]), canvas.cover(rows, low, high, alpha))
+        canvas.lay(columns, rows, canvas.dim(grey, near[:, None]), low, high, alpha)
 
 
 def _paint_cap(
@@ -180,7 +188,7 @@ def _paint_cap(
     rows = canvas.rows_between(float(low.min()), float(high.max()))
     if rows.stop > rows.start:
         grey = canvas.level_surface(columns, rows, cap, height + canvas.pose.z)
-        canvas.blend(columns, rows, grey, canvas.cover(rows, low, high, alpha))
+        canvas.lay(columns, rows, grey, low, high, alpha)
 
 
 def _paint_background(world: World, canvas: _Canvas, sights: list[_Sight]) -> None:

@@ -178,11 +178,14 @@ def far_to_near(solids: tuple[Solid, ...], x: float, y: float, z: float) -> list
     np.fill_diagonal(beyond, True)
     distance = np.hypot(*(np.clip(camera[:2], low[:, :2], high[:, :2]) - camera[:2]).T)
     order: list[Solid] = []
+    may_hide = ~beyond
+    hidden = may_hide.sum(axis=1)  # how many of those left each may hide
     left = np.ones(len(solids), bool)
     for _ in solids:
-        free = left & beyond[:, left].all(axis=1)
+        free = left & (hidden == 0)
         candidates = np.flatnonzero(free if free.any() else left)
         pick = candidates[np.argmax(distance[candidates])]
         order.append(solids[pick])
         left[pick] = False
+        hidden -= may_hide[:, pick]
     return order

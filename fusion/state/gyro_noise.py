@@ -1,4 +1,4 @@
-"""Noise of a gyro, learnt from its own samples: how they scatter about a smooth turn, and which are no news."""
+"""Noise of a gyro, learnt from its own samples: how they scatter about a smooth turn, and which are repeated."""
 
 from __future__ import annotations
 
