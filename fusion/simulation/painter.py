@@ -8,7 +8,7 @@ import numpy as np
 
 from fusion.simulation.raster import STEEPEST, Raster
 from fusion.simulation.rays import Shapes, hits, spans
-from fusion.simulation.surfaces import Array, Ground
+from fusion.simulation.surfaces import Array, Ground, lookups
 from fusion.simulation.world import Floats, Solid, World, far_to_near
 
 _CHUNK = 256  # columns painted at a time: a block of them stays in the processor's cache
@@ -111,10 +111,10 @@ class _Sight:
         Its first column.
     alpha : ndarray
         Share of each column that it covers.
-    near, far, u : ndarray
+    near, far : ndarray
         See `Hits`.
-    across, down : ndarray
-        What a pixel covers of its side, m.
+    lookup, mix : ndarray
+        Where its skin is looked up, see `lookups`.
     """
 
     solid: Solid
@@ -122,14 +122,13 @@ class _Sight:
     alpha: Floats
     near: Floats
     far: Floats
-    u: Floats
-    across: Floats
-    down: Floats
+    lookup: Array
+    mix: Array
 
     def part(self, cut: slice) -> _Sight:
         """Its columns `cut`, counted from its first."""
-        columns = (self.alpha, self.near, self.far, self.u, self.across, self.down)
-        return _Sight(self.solid, self.first + cut.start, *(values[cut] for values in columns))
+        first, lookup, mix = self.first + cut.start, self.lookup[..., cut], self.mix[cut]
+        return _Sight(self.solid, first, self.alpha[cut], self.near[cut], self.far[cut], lookup, mix)
 
 
 def paint(world: World, pose: CameraPose, t: float, raster: Raster) -> Array:
@@ -170,11 +169,14 @@ def _see(solids: list[Solid], canvas: _Canvas) -> list[_Sight]:
     azimuth = np.minimum(np.maximum(azimuth, (start + inset)[owner]), (end - inset)[owner])
     met = hits(shapes.take(owner), pose.x, pose.y, azimuth)
     down = met.near * step
-    across = down / np.maximum(met.facing, 1e-3)
-    columns = (alpha, met.near, met.far, met.u, across, down)
+    depth = np.array([solid.high[2] - pose.z for solid in solids])[owner]
+    footprint = down / np.maximum(met.facing, 1e-3), down
+    skins = [solid.skin for solid in solids]
+    lookup, mix = lookups(skins, owner, met.u, depth, met.near, footprint)
+    cuts = [slice(last - size, last) for last, size in zip(ends.tolist(), count.tolist(), strict=True)]
     return [
-        _Sight(solid, here, *(values[last - size : last] for values in columns))
-        for solid, here, last, size in zip(solids, first.tolist(), ends.tolist(), count.tolist(), strict=True)
+        _Sight(solid, here, alpha[cut], met.near[cut], met.far[cut], lookup[..., cut], mix[cut])
+        for solid, here, cut in zip(solids, first.tolist(), cuts, strict=True)
     ]
 
 
@@ -204,8 +206,7 @@ def _paint_solid(canvas: _Canvas, sight: _Sight) -> None:
         rows = canvas.rows_between(float(low.min()), float(high.max()))
         if rows.stop <= rows.start:
             continue
-        level = solid.skin.level(sight.across[part], sight.down[part])
-        grey = solid.skin.sample(sight.u[part], above, -near, canvas.tangent[rows], level)
+        grey = solid.skin.sample(sight.lookup[..., part], sight.mix[part], canvas.tangent[rows])
         canvas.lay(columns, rows, canvas.dim(grey, near[:, None]), low, high, alpha)
 
 

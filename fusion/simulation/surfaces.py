@@ -7,6 +7,7 @@ interpolated in the two levels next to its footprint on the surface.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import pairwise
 from typing import Any
 
@@ -20,6 +21,7 @@ Array = npt.NDArray[np.float32]
 Levels = npt.NDArray[np.float64]
 
 _PAD = 3  # texels of border around each level, for the interpolation
+_MOST_LEVELS = 8  # of a pyramid
 _SEAM = 2  # texels that a level surface repeats after its last: one for the interpolation, one for rounding
 _KERNEL = np.array([1.0, 3.0, 3.0, 1.0], np.float32) / 8.0
 
@@ -34,7 +36,7 @@ def halve(image: Image, wrap_rows: bool) -> Image:
 
 def pyramid(image: Image, wrap_rows: bool) -> list[Image]:
     """`image`, its size rounded so that it can be halved evenly, and its halves down to a few texels."""
-    halvings = int(np.clip(np.log2(min(image.shape) / 3.0), 0, 7))
+    halvings = int(np.clip(np.log2(min(image.shape) / 3.0), 0, _MOST_LEVELS - 1))
     block = 2**halvings
     rows, columns = (max(1, round(n / block)) * block for n in image.shape)
     levels = [cv2.resize(image, (columns, rows), interpolation=cv2.INTER_LINEAR).astype(np.float32)]
@@ -57,64 +59,104 @@ class Skin:
     def __init__(self, image: Image, width: float, height: float) -> None:
         levels = pyramid(image, wrap_rows=False)
         rows, columns = levels[0].shape
-        self.width, self.height = width, height
-        self.per_metre_u, self.per_metre_v = columns / width, rows / height
-        self.top_level = len(levels) - 1
+        per_metre_u, per_metre_v, top_level = columns / width, rows / height, len(levels) - 1
         # All levels in one image, so that one call serves pixels of different levels: the finest on the left, the
         # others below one another on the right. Transposed, because the camera works column by column.
-        self._first_v = np.array([_PAD] + [rows + 3 * _PAD] * self.top_level, np.float32)
+        first_v = np.array([_PAD] + [rows + 3 * _PAD] * top_level, np.float32)
         lengths = np.array([level.shape[1] + 2 * _PAD for level in levels[1:]])
-        self._first_u = np.append(_PAD, _PAD + np.cumsum(lengths) - lengths).astype(np.float32)
-        self._last_v = self._first_v + np.array([level.shape[0] for level in levels], np.float32) - 1.0
-        width_v = rows + 2 * _PAD + (levels[1].shape[0] + 2 * _PAD if self.top_level else 0)
+        first_u = np.append(_PAD, _PAD + np.cumsum(lengths) - lengths).astype(np.float32)
+        last_v = first_v + np.array([level.shape[0] for level in levels], np.float32) - 1.0
+        width_v = rows + 2 * _PAD + (levels[1].shape[0] + 2 * _PAD if top_level else 0)
         self._atlas = np.zeros((max(columns + 2 * _PAD, int(lengths.sum())), width_v), np.float32)
-        for level, u, v in zip(levels, self._first_u.astype(int), self._first_v.astype(int), strict=True):
+        for level, u, v in zip(levels, first_u.astype(int), first_v.astype(int), strict=True):
             padded = cv2.copyMakeBorder(level.T, 0, 0, _PAD, _PAD, cv2.BORDER_REPLICATE)
             padded = cv2.copyMakeBorder(padded, _PAD, _PAD, 0, 0, cv2.BORDER_WRAP)
             self._atlas[u - _PAD : u - _PAD + padded.shape[0], v - _PAD : v - _PAD + padded.shape[1]] = padded
+        # What `lookups` asks of it: a row of numbers, so that those of many skins are one array.
+        self.numbers = np.zeros(4 + 3 * _MOST_LEVELS)
+        self.numbers[:4] = per_metre_u, per_metre_v, width, top_level
+        for place, values in enumerate((first_u, first_v, last_v)):
+            self.numbers[4 + place * _MOST_LEVELS :][: values.size] = values
 
-    def level(self, footprint_u: Levels, footprint_v: Levels) -> Levels:
-        """The level whose texel is as large as a pixel's footprint, given in m."""
-        texels = np.maximum(footprint_u * self.per_metre_u, footprint_v * self.per_metre_v)
-        return np.asarray(np.minimum(np.log2(np.maximum(texels, 1.0)), self.top_level), np.float64)
-
-    def sample(self, u: Levels, v: float, slope: Levels, tangent: Array, level: Levels) -> Array:
+    def sample(self, lookup: Array, mix: Array, tangent: Array) -> Array:
         """Grey of a block of pixels, shape (columns, rows).
 
         Parameters
         ----------
-        v : float
-            Depth below its top at elevation 0, m.
-        u, slope, level : ndarray, shape (columns,)
-            Position along the surface, m; change of `v` with the tangent of the elevation; level of the pyramid.
+        lookup : ndarray, shape (2, 5, columns)
+            See `lookups`.
+        mix : ndarray, shape (columns,)
+            Weight of the second level.
         tangent : ndarray, shape (rows,)
-            Tangent of each row's elevation.
+            Tangent of each row's elevation, falling.
         """
-        low = level.astype(np.intp)
-        mix = (level - low).astype(np.float32)[:, None]
-        grey = self._fetch(u, v, slope, tangent, low)
-        if not mix.any():
-            return grey
-        finer = self._fetch(u, v, slope, tangent, np.minimum(low + 1, self.top_level))
-        finer -= grey
-        finer *= mix
-        grey += finer
+        grey = self._fetch(lookup[0], tangent)
+        if mix.any():
+            coarser = self._fetch(lookup[1], tangent)
+            coarser -= grey
+            coarser *= mix[:, None]
+            grey += coarser
         return grey
 
-    def _fetch(self, u: Levels, v: float, slope: Levels, tangent: Array, level: npt.NDArray[np.intp]) -> Array:
+    def _fetch(self, lookup: Array, tangent: Array) -> Array:
         """Bilinear look-up in one level per column."""
-        scale = 0.5**level
-        down = scale * self.per_metre_v
-        first = self._first_v[level]
-        across = (u % self.width) * self.per_metre_u * scale + (self._first_u[level] - 0.5)
-        y = np.repeat(across.astype(np.float32)[:, None], tangent.size, axis=1)
-        x = (slope * down).astype(np.float32)[:, None] * tangent
-        x += (v * down + (first - 0.5)).astype(np.float32)[:, None]
-        least, most = first - 1.0, self._last_v[level] + 1.0
+        across, slope, offset, least, most = lookup
+        y = np.repeat(across[:, None], tangent.size, axis=1)
+        x = slope[:, None] * tangent
+        x += offset[:, None]
         if np.any(x[:, 0] < least) or np.any(x[:, -1] > most):  # it grows downwards
             np.maximum(x, least[:, None], out=x)
             np.minimum(x, most[:, None], out=x)
         return np.asarray(cv2.remap(self._atlas, x, y, cv2.INTER_LINEAR), np.float32)
+
+
+def lookups(
+    skins: Sequence[Skin],
+    owner: npt.NDArray[np.intp],
+    u: Levels,
+    depth: Levels,
+    near: Levels,
+    footprint: tuple[Levels, Levels],
+) -> tuple[Array, Array]:
+    """Where in their atlases columns of many skins are looked up: all at once, as most skins are a few columns wide.
+
+    Parameters
+    ----------
+    skins : sequence of Skin
+        All that are seen.
+    owner : ndarray, shape (columns,)
+        Number of each column's skin.
+    u, depth, near : ndarray, shape (columns,)
+        Position along the surface, depth below its top at elevation 0, and horizontal distance, m.
+    footprint : tuple of ndarray
+        What a pixel covers of the surface along it and down, m.
+
+    Returns
+    -------
+    lookup : ndarray of float32, shape (2, 5, columns)
+        In the two levels next to the footprint: place across, change of the place down with the tangent of the
+        elevation, place down at elevation 0, and its least and greatest; texels.
+    mix : ndarray of float32, shape (columns,)
+        Weight of the second level, 0..1.
+    """
+    numbers = np.stack([skin.numbers for skin in skins])
+    per_metre_u, per_metre_v, width, top = numbers[owner, :4].T
+    texels = np.maximum(footprint[0] * per_metre_u, footprint[1] * per_metre_v)
+    level = np.minimum(np.log2(np.maximum(texels, 1.0)), top)
+    low = level.astype(np.intp)
+    lookup = np.empty((2, 5, owner.size), np.float32)
+    for which, one in enumerate((low, np.minimum(low + 1, top.astype(np.intp)))):
+        first_u, first_v, last_v = (numbers[owner, 4 + place * _MOST_LEVELS + one] for place in range(3))
+        scale = 0.5**one
+        down = per_metre_v * scale
+        lookup[which] = (
+            (u % width) * per_metre_u * scale + (first_u - 0.5),
+            -near * down,
+            depth * down + (first_v - 0.5),
+            first_v - 1.0,
+            last_v + 1.0,
+        )
+    return lookup, (level - low).astype(np.float32)
 
 
 class Ground:
