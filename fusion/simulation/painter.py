@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fusion.simulation.raster import STEEPEST, Raster
+from fusion.simulation.raster import Raster
 from fusion.simulation.rays import Shapes, hits, spans
 from fusion.simulation.surfaces import Array, Ground, lookups
 from fusion.simulation.world import Floats, Solid, World, far_to_near
@@ -33,11 +33,8 @@ class _Canvas:
     def __init__(self, raster: Raster, pose: CameraPose, fog: float) -> None:
         self.pose, self.fog = pose, fog
         self.elevation = raster.elevation
-        edges = raster.edge_tangent
-        self.upper, self.lower = edges[:-1].astype(np.float32), edges[1:].astype(np.float32)
-        self.per_row = 1.0 / np.maximum(self.upper - self.lower, np.float32(1e-6))
-        self.falling = -edges
-        self.tangent = np.tan(np.clip(self.elevation, -STEEPEST, STEEPEST)).astype(np.float32)
+        self.upper, self.lower, self.tangent = raster.upper, raster.lower, raster.tangent
+        self.per_row, self.falling, self.planes = raster.per_row, raster.falling, raster.planes
         self.step, self.columns = raster.step, raster.columns
         self.azimuth = pose.yaw + np.pi - (np.arange(self.columns) + 0.5) * self.step
         self.cos, self.sin = np.cos(self.azimuth), np.sin(self.azimuth)
@@ -77,16 +74,10 @@ class _Canvas:
 
     def level_surface(self, columns: slice, rows: slice, ground: Ground, height: float) -> Array:
         """Grey of the horizontal plane at `height` m through the block's pixels."""
-        tangent = self.tangent[rows]
         above = height - self.pose.z
-        sign = 1.0 if above > 0 else -1.0
-        distance = np.abs(above) / np.maximum(sign * tangent, 1e-4)
-        across = distance * self.step
-        along = np.abs(above) * np.abs(
-            1.0 / np.maximum(sign * self.lower[rows], 1e-4) - 1.0 / np.maximum(sign * self.upper[rows], 1e-4)
-        )
-        # A plane seen at a grazing angle is a long narrow footprint; a third of its length keeps the detail across.
-        level = ground.level(np.maximum(across, along / 3.0))
+        reach, footprint = self.planes[1 if above > 0 else 0]
+        distance = abs(above) * reach[rows]
+        level = ground.level(abs(above) * footprint[rows])
         grey = ground.sample((self.pose.x, self.pose.y), self.cos[columns], self.sin[columns], distance, level)
         return self.dim(grey, distance[None, :])
 

@@ -67,6 +67,46 @@ class Raster:
         """Tangent of the elevation at the rows' edges, falling."""
         return np.tan(np.clip(np.pi / 2.0 - np.pi * self.edges / (2.0 * self.height), -STEEPEST, STEEPEST))
 
+    @cached_property
+    def upper(self) -> Array:
+        """Tangent of the elevation at the rows' upper edges."""
+        return self.edge_tangent[:-1].astype(np.float32)
+
+    @cached_property
+    def lower(self) -> Array:
+        """Tangent of the elevation at the rows' lower edges."""
+        return self.edge_tangent[1:].astype(np.float32)
+
+    @cached_property
+    def per_row(self) -> Array:
+        """Rows in a unit of the tangent."""
+        return np.asarray(1.0 / np.maximum(self.upper - self.lower, np.float32(1e-6)), np.float32)
+
+    @cached_property
+    def falling(self) -> Floats:
+        """`edge_tangent`, negative, and so rising for a search."""
+        return -self.edge_tangent
+
+    @cached_property
+    def tangent(self) -> Array:
+        """Tangent of the elevation at the rows' centres."""
+        return np.tan(np.clip(self.elevation, -STEEPEST, STEEPEST)).astype(np.float32)
+
+    @cached_property
+    def planes(self) -> tuple[tuple[Floats, Floats], tuple[Floats, Floats]]:
+        """Level planes 1 m below the camera and 1 m above: how far off each row meets them, and its footprint there, m.
+
+        A plane seen at a grazing angle is a long narrow footprint; a third of its length keeps the detail across.
+        """
+        found = []
+        for sign in (-1.0, 1.0):
+            distance, far, near = (
+                1.0 / np.maximum(sign * tangent.astype(np.float64), 1e-4)
+                for tangent in (self.tangent, self.lower, self.upper)
+            )
+            found.append((distance, np.maximum(distance * self.step, np.abs(far - near) / 3.0)))
+        return found[0], found[1]
+
     def finish(self, painted: Array) -> Array:
         """Low-pass and shrink to the panorama, shape (height, width)."""
         top, bottom = self._limits
