@@ -37,7 +37,7 @@ def test_change_of_heading_is_that_of_the_nose(seed):
     before = Rotation.from_euler("ZYX", rng.uniform([-3.0, -0.7, -0.7], [3.0, 0.7, 0.7]))
     turn, tilt = rng.uniform(-3.0, 3.0), rng.uniform(-0.3, 0.3, 2)
     after = before * Rotation.from_rotvec([-tilt[0], -tilt[1], 0.0]) * Rotation.from_rotvec([0.0, 0.0, turn])
-    change = heading_change(up_of(before), turn, tuple(tilt))
+    change = heading_change(up_of(after), turn, tuple(tilt))
     assert abs(change - turn) < math.pi
     assert math.remainder(change - (heading_of(after) - heading_of(before)), math.tau) == pytest.approx(0.0, abs=1e-12)
 
@@ -72,7 +72,7 @@ def test_variance_is_that_of_headings_from_wrong_leans(lean_deg, turn):
     for towards in np.linspace(0.0, math.tau, 40, endpoint=False):
         up = math.sin(lean) * np.array([math.cos(towards), math.sin(towards), 0.0]) + [0.0, 0.0, math.cos(lean)]
         leans, true = Tilted.upright(tuple(up)), heading_change(tuple(up), turn)
-        assert leans.after(turn, (0.0, 0.0))[1] == pytest.approx(math.remainder(true, math.tau))
+        assert leans.before(turn, (0.0, 0.0))[1] == pytest.approx(math.remainder(true, math.tau))
         for error in sigma * rng.normal(size=(40, 2)):
             wrong = Rotation.from_rotvec([*error, 0.0]).apply(up)
             seen.append(heading_change(tuple(wrong), turn) - true)
@@ -218,7 +218,7 @@ def test_compass_that_is_told_how_it_leans_says_headings():
     for k, column in enumerate(columns):
         image = np.roll(scene, column, axis=1)
         told, guessed = compass.update(k * 10**8, image), level.update(k * 10**8, image)
-    true = heading_change(leans[0], turns[-1])
+    true = heading_change(leans[-1], turns[-1])
     assert abs(true - turns[-1]) > 0.01
     assert (compass.yaw, level.yaw) == pytest.approx((true, turns[-1]), abs=2e-4)
     assert told.turn == guessed.turn == pytest.approx(turns[-1], abs=2e-4)

@@ -23,18 +23,18 @@ STEEPEST_SQUARED = 0.1  # squared cosine of the nose's pitch, cosine of a robot 
 
 
 def heading_change(up: Vector, turn: float, tilt: tuple[float, float] = (0.0, 0.0)) -> float:
-    """Change of heading of a tilted robot that tilts further, then turns; rad, within half a turn of `turn`.
+    """Change of heading of a tilted robot that has tilted further, then turned; rad, within half a turn of `turn`.
 
     Parameters
     ----------
     up : (3,) tuple of float
-        The vertical in the robot's frame before, a unit vector.
+        The vertical in the robot's frame after that, a unit vector: the newest is what is known best of the mount.
     turn : float
         About the robot's own z axis, rad.
     tilt : (2,) tuple of float
         Of the scene about the robot's x and y axes before the turn, rad.
     """
-    heading = Tilted.upright(up).after(turn, tilt)[1]
+    heading = Tilted.upright(up).before(turn, tilt)[1]
     return heading + math.tau * round((turn - heading) / math.tau)
 
 

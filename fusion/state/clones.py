@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
-from compass.tilt import Vector
 from fusion.state.ekf import CLONES
 from fusion.updates.image_timing import Exposure
 
@@ -24,8 +23,6 @@ class Clone:
         Whether an increment refers to it, or only might.
     exposure : Exposure
         Of the image.
-    up : tuple of float or None
-        The vertical in the robot's frame then.
     long_baseline : bool
         Whether it belongs to the last increment from some seconds ago, so that the next one may refer to it.
     """
@@ -34,7 +31,6 @@ class Clone:
     used_ns: int
     reference: bool
     exposure: Exposure
-    up: Vector | None
     long_baseline: bool = False
 
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from compass import YawIncrement, wrap_angle
+from compass.tilt import Vector
 from fusion.buffer.events import CompassEvent, ReferenceEvent, Sensor
 from fusion.checks.gate import Verdict
 from fusion.checks.windows import WINDOW_NS
@@ -66,7 +67,8 @@ class CompassUpdate:
             # the reference was never seen: place it where this increment says, so that those to come can use it
             state.references_lost += 1
             slot = self.remember(state, event.sample.t_ref_ns, reference=True)
-        increment = _levelled(event.sample, state.clones[slot])
+        up = state.trail.up_at(event.t_ns - round(1e9 * float(ekf.x[State.CAMERA_DELAY])))
+        increment = _levelled(event.sample, up)
         began_ns = state.turns.start_ns
         exposure, moved = None, False
         if not increment.long_baseline:
@@ -114,8 +116,7 @@ class CompassUpdate:
         if slot is None:
             slot, exposure = state.clones.next_slot(), exposure or exposure_of(state)
             clone_exposure(state.ekf, State.CLONE + slot, exposure)
-            up = state.trail.up_at(t_ns - round(exposure.delay * 1e9))
-            state.clones = state.clones.put(slot, Clone(t_ns, t_ns, reference, exposure, up))
+            state.clones = state.clones.put(slot, Clone(t_ns, t_ns, reference, exposure))
         elif reference:
             state.clones = state.clones.used(slot, t_ns)
         return slot
@@ -147,8 +148,8 @@ def _allow_for_refused_gyro(state: FilterState, t_ns: int) -> None:
         state.ekf.widen(State.YAW, (gate.report.innovation * seconds) ** 2)
 
 
-def _levelled(increment: YawIncrement, clone: Clone | None) -> YawIncrement:
-    """An increment of the heading, where the robot's tilt at its reference is known."""
-    if clone is None or clone.up is None or increment.turn is None:
+def _levelled(increment: YawIncrement, up: Vector | None) -> YawIncrement:
+    """An increment of the heading, where the vertical in the robot's frame is known at its exposure."""
+    if up is None or increment.turn is None:
         return increment
-    return replace(increment, yaw=float(wrap_angle(heading_change(clone.up, increment.turn, increment.tilt))))
+    return replace(increment, yaw=float(wrap_angle(heading_change(up, increment.turn, increment.tilt))))
