@@ -22,6 +22,7 @@ from fusion.buffer.events import (
 from fusion.checks.diagnosis import adds_up
 from fusion.checks.scale_conflict import ScaleConflict
 from fusion.checks.silence import RATE_SILENT_NS
+from fusion.checks.windows import WINDOW_NS
 from fusion.config import FusionConfig
 from fusion.state.bias_prior import BiasPrior
 from fusion.state.bias_walk import BiasWalk
@@ -115,6 +116,7 @@ class YawFilter:
             # who contradicted says no more: it is known for good how little is known
             state.ekf.widen_frame(before.unconfirmed_variance)
             state.unconfirmed = state.confirmed(self.config.initial_rate_sigma)
+        self._doubt(before, state, event)
         if before.t_ns is None:
             state.unconfirmed = state.begun(float(before.x[State.YAW]), self.config.initial_rate_sigma)
         self._confirm(before, state, event)
@@ -127,6 +129,19 @@ class YawFilter:
             state.yaw_lead = 0.0
         elif state.stillness.standing and before.t_ns is not None:
             state.yaw_lead -= float(believed(state)[0][State.YAW] - believed(before)[0][State.YAW])
+
+    @staticmethod
+    def _doubt(before: FilterState, state: FilterState, event: FusionEvent) -> None:
+        """Keep for good what the yaw owes to a gyro that is found to err, but for what was taken back of it.
+
+        Those are two windows, or all since a reference from when two sensors last agreed.
+        """
+        known, began_ns = before.unconfirmed, before.turns.start_ns
+        if known is None or began_ns is None or not (before.believes(Sensor.GYRO) and not state.believes(Sensor.GYRO)):
+            return
+        bridged = isinstance(event, CompassEvent) and event.sample.t_ref_ns <= known.since.t_ns
+        if state.isolation.excludes(Sensor.GYRO) and known.since.t_ns < began_ns - WINDOW_NS and not bridged:
+            state.ekf.widen_frame(before.unconfirmed_variance)
 
     def _confirm(self, before: FilterState, state: FilterState, event: FusionEvent) -> None:
         """Note whether two sensors agree on the yaw, or who has spoken since they did."""

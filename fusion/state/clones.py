@@ -23,6 +23,8 @@ class Clone:
         Whether an increment refers to it, or only might.
     exposure : Exposure
         Of the image.
+    placed_ns : int
+        When its yaw was last given: at its time, or later, where an increment put it.
     long_baseline : bool
         Whether it belongs to the last increment from some seconds ago, so that the next one may refer to it.
     """
@@ -31,6 +33,7 @@ class Clone:
     used_ns: int
     reference: bool
     exposure: Exposure
+    placed_ns: int
     long_baseline: bool = False
 
 
@@ -65,6 +68,11 @@ class Clones:
         """Noted that the clone in a slot is a reference, in use at `t_ns`."""
         clone = self.slots[slot]
         return self.put(slot, replace(clone, used_ns=t_ns, reference=True)) if clone else self
+
+    def placed(self, slot: int, t_ns: int) -> Clones:
+        """With the yaw of the clone in a slot given anew at `t_ns`."""
+        clone = self.slots[slot]
+        return self.put(slot, replace(clone, placed_ns=t_ns)) if clone else self
 
     def kept(self, *slots: int) -> Clones:
         """With the clones in these slots, and no others, kept for the next increment from some seconds ago."""

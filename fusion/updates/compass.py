@@ -70,7 +70,7 @@ class CompassUpdate:
         up = state.trail.up_at(event.t_ns - round(1e9 * float(ekf.x[State.CAMERA_DELAY])))
         increment = _levelled(event.sample, up)
         began_ns = state.turns.start_ns
-        exposure, moved = None, False
+        exposure, moved, kept = None, False, known
         if not increment.long_baseline:
             exposure = exposure_of(state)
             moved = self._isolation.take_turn(state, increment, slot if known else None, exposure)
@@ -78,6 +78,8 @@ class CompassUpdate:
                 exposure = None
         if moved and began_ns is not None:  # yaws of the window that was taken back, or of the one before, are wrong
             state.clones = state.clones.until(began_ns - WINDOW_NS, but=slot)
+            clone = state.clones[slot]
+            kept = known and clone is not None and clone.placed_ns <= began_ns - WINDOW_NS
         elif not moved:
             _allow_for_refused_gyro(state, event.t_ns)
         state.clones = state.clones.used(slot, event.t_ns)
@@ -94,7 +96,7 @@ class CompassUpdate:
         rate = float(ekf.x[State.RATE])
         expected = ekf.expect(measurement)
         others = max(expected.S - ekf.jitter * rate**2, measurement.R)
-        verdict = self._gating.judge(state, Sensor.COMPASS, measurement, expected) if known and not moved else None
+        verdict = self._gating.judge(state, Sensor.COMPASS, measurement, expected) if kept else None
         known_ns = before.gates[Sensor.COMPASS].accepted_ns
         if verdict is Verdict.ACCEPTED and state.paused_ns > (known_ns or event.sample.t_ref_ns):
             state.turn_count = state.turn_count.after(event.t_ns, measurement.innovation, expected.S)
@@ -102,11 +104,13 @@ class CompassUpdate:
             state.jitter = state.jitter.after(measurement.innovation, others, rate)
         if verdict is None or excluded:
             ekf.anchor(since, measurement)
+            state.clones = state.clones.placed(slot, event.t_ns)
         if verdict is None or excluded or increment.long_baseline:
             return
         again = state.refusal is not None and state.refusal.is_repeated_by(increment, measurement.innovation)
-        if verdict is Verdict.RECOVERED or (verdict is Verdict.REJECTED and again and not witnessed):
-            self._isolation.recover(state, measurement, since, until, witnessed=witnessed)
+        if verdict is Verdict.RECOVERED or (verdict is Verdict.REJECTED and (moved or (again and not witnessed))):
+            self._isolation.recover(state, measurement, since, until, witnessed=witnessed and not moved)
+            state.clones = state.clones.placed(slot, event.t_ns)
         else:
             self._isolation.note_refusal(state, increment, measurement, verdict)
 
@@ -116,7 +120,7 @@ class CompassUpdate:
         if slot is None:
             slot, exposure = state.clones.next_slot(), exposure or exposure_of(state)
             clone_exposure(state.ekf, State.CLONE + slot, exposure)
-            state.clones = state.clones.put(slot, Clone(t_ns, t_ns, reference, exposure))
+            state.clones = state.clones.put(slot, Clone(t_ns, t_ns, reference, exposure, state.t_ns or t_ns))
         elif reference:
             state.clones = state.clones.used(slot, t_ns)
         return slot
