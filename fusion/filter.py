@@ -24,6 +24,7 @@ from fusion.checks.scale_conflict import ScaleConflict
 from fusion.checks.silence import RATE_SILENT_NS
 from fusion.checks.windows import WINDOW_NS
 from fusion.config import FusionConfig
+from fusion.imu.tilt import TiltedTurn
 from fusion.state.bias_prior import BiasPrior
 from fusion.state.bias_walk import BiasWalk
 from fusion.state.ekf import YAWS, Correction, State, Transition, YawEkf
@@ -105,6 +106,7 @@ class YawFilter:
         elif isinstance(event, HeadingEvent):
             state.ekf.turn_frame(event.heading, event.variance)
             state.scale_conflict = replace(state.scale_conflict, yaw=float(state.x[State.YAW]))
+            state.tilted_turn = TiltedTurn()
         else:
             self._compass.refer(state, event)
         self._standstill.settle(state)
@@ -180,7 +182,7 @@ class YawFilter:
         x, P = self.start.x.copy(), self.start.P.copy()
         yaw = float(believed(state)[0][State.YAW]) + state.yaw_lead
         x[YAWS] = yaw
-        variance += state.scale_conflict.variance(yaw)
+        variance += state.scale_conflict.variance(yaw) + state.tilted_turn.variance
         P[np.ix_(YAWS, YAWS)] = float(state.P[State.YAW, State.YAW]) + variance
         conflict = ScaleConflict(yaw)
         return replace(self.start.at(x, P), scale_conflict=conflict, aided_yaw=yaw, turn_count=state.turn_count)

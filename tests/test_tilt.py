@@ -133,23 +133,23 @@ def test_lean_is_not_told_by_an_axis_that_is_given_or_by_nothing():
         assert ImuLevel(config).sample(0, (0.0, 0.0, 0.1), force).up is None
 
 
-def on_slope(seed, lean_deg, *, told=True, **kwargs):
+def on_slope(seed, lean_deg, *, told=True, off=None, **kwargs):
     """A drive in a place that has sunk: true heading, gyro of three biased axes, compass and tracks about the axis."""
-    drive = robot_drive(seed, bias=0.0, **kwargs)
+    drive, off = robot_drive(seed, bias=0.0, **kwargs), off or Rotation.identity()
     slope, level = Rotation.from_euler("y", lean_deg, degrees=True), ImuLevel()
     yaw = drive.yaw + np.unwrap(heading_of(slope * Rotation.from_euler("z", drive.yaw[:, None])) - drive.yaw)
     yaw -= math.tau * np.round(yaw[0] / math.tau)
 
     def change(sample):
         if isinstance(sample, YawIncrement):
-            up = up_of(slope * Rotation.from_euler("z", drive.yaw[sample.t_ref_ns // 10**6]))
+            up = up_of(off * slope * Rotation.from_euler("z", drive.yaw[sample.t_ref_ns // 10**6]))
             variance = Tilted.upright(up).variance(sample.yaw, CompassConfig().tilt_sigma) if told else 0.0
             return replace(sample, variance=sample.variance + variance, turn=sample.yaw)
         if isinstance(sample, OdometrySample):
             return sample
         robot = slope * Rotation.from_euler("z", drive.yaw[sample.t_ns // 10**6])
         rates, force = BIAS + np.array([0.0, 0.0, sample.yaw_rate]), robot.inv().apply([0.0, 0.0, 9.81])
-        gyro = level.sample(sample.t_ns, rates, force, robot.as_quat())
+        gyro = level.sample(sample.t_ns, rates, force, (off * robot).as_quat())
         return gyro if told else replace(gyro, up=None)
 
     return replace(drive, yaw=yaw, samples=[change(sample) for sample in drive.samples])
@@ -163,6 +163,18 @@ def test_fused_heading_on_a_slope_is_right_within_its_sigma(seed, lean_deg):
     assert np.sqrt(np.mean(errors**2)) < 0.5 * DEG
     assert errors[-1] ** 2 / fusion.estimate().yaw_variance < 9.0
     assert fusion.estimate().track_scale == pytest.approx(1.35, abs=0.05)
+
+
+@pytest.mark.parametrize("about", ["x", "y"])
+def test_vertical_that_errs_is_in_sigma(about):
+    """A vertical that is off by twice its deviation, alike for all sensors: none contradicts."""
+    drive = on_slope(1, 30.0, off=Rotation.from_euler(about, 2.0 * TILT_ERROR))
+    fusion, worst = YawFusion(), 0.0
+    for sample in drive.samples:
+        fusion.add(sample)
+        estimate = fusion.estimate()
+        worst = max(worst, abs(drive.error(estimate)) / math.hypot(math.sqrt(estimate.yaw_variance), 0.02 * DEG))
+    assert worst < 4.0
 
 
 def test_slope_that_nobody_tells_of_would_cost_degrees():

@@ -67,6 +67,33 @@ class BiasGain:
         return abs(self.own - other.own) + abs(self.cross - other.cross) > NOTICED
 
 
+@dataclass(frozen=True, slots=True)
+class TiltedTurn:
+    """What the yaw owes to a vertical that may err: the integral of the tilt over the turn.
+
+    On a slope a vertical that is off by an angle changes the rate of the heading by that angle times the sine of the
+    tilt, times the rate; gyro, tracks and compass all go by the same vertical, so that none contradicts. Bumps cancel,
+    and so does a full turn.
+
+    Attributes
+    ----------
+    x, y : float
+        Integrals of the vertical's components in the robot's frame over the turn, rad.
+    """
+
+    x: float = 0.0
+    y: float = 0.0
+
+    def after(self, up: Vector | None, turn: float) -> TiltedTurn:
+        """After a turn, rad, while `up` was the vertical in the robot's frame; None: not known, taken for level."""
+        return self if up is None else TiltedTurn(self.x + up[0] * turn, self.y + up[1] * turn)
+
+    @property
+    def variance(self) -> float:
+        """Of the yaw, rad^2."""
+        return TILT_ERROR**2 * (self.x**2 + self.y**2)
+
+
 def up_later(up: Vector, rate: float, seconds: float) -> Vector:
     """The vertical in the frame of a robot that goes on turning about its own axis, by `rate` rad/s."""
     return about_z(up, -rate * seconds)
