@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
+from fusion.record import record
 from fusion.state.ekf import CLONES
 from fusion.updates.image_timing import Exposure
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Clone:
     """A remembered yaw.
 
@@ -37,7 +38,7 @@ class Clone:
     long_baseline: bool = False
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Clones:
     """What each slot holds; None: nothing yet."""
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_left
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -12,6 +11,7 @@ import numpy as np
 from compass.tilt import Vector
 from fusion.buffer.events import Sensor
 from fusion.imu.tilt import NEAR_NS
+from fusion.record import record
 from fusion.samples import GyroSample
 from fusion.state.ekf import DIM, State, YawEkf
 
@@ -24,7 +24,7 @@ SHORTEST_STEP = 0.02  # s; over less the gyro's noise says more of its rate than
 CAUTION = 100.0  # the gyro's noise, as a turn rate that changes, must not drive the delay however long it lasts
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Exposure:
     """What happened between the exposure of an image and its stamp, as far as the delay is known.
 
@@ -58,7 +58,7 @@ class TrailPoint(NamedTuple):
     up: Vector | None
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class GyroTrail:
     """What a gyro claimed lately; between two samples the rate changes linearly, after the last it stays."""
 
