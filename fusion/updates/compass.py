@@ -70,7 +70,7 @@ class CompassUpdate:
         up = state.trail.up_at(event.t_ns - round(1e9 * float(ekf.x[State.CAMERA_DELAY])))
         increment = _levelled(event.sample, up)
         began_ns = state.turns.start_ns
-        exposure, moved, kept = None, False, known
+        exposure, moved, kept = None, False, False
         if not increment.long_baseline:
             exposure = exposure_of(state)
             moved = self._isolation.take_turn(state, increment, slot if known else None, exposure)
@@ -96,7 +96,9 @@ class CompassUpdate:
         rate = float(ekf.x[State.RATE])
         expected = ekf.expect(measurement)
         others = max(expected.S - ekf.jitter * rate**2, measurement.R)
-        verdict = self._gating.judge(state, Sensor.COMPASS, measurement, expected) if kept else None
+        verdict = self._gating.judge(state, Sensor.COMPASS, measurement, expected) if known and not moved else None
+        if kept and not excluded and measurement.innovation**2 > self._gating.limit * expected.S:
+            verdict = Verdict.REJECTED  # the yaw was wrong for longer than was taken back
         known_ns = before.gates[Sensor.COMPASS].accepted_ns
         if verdict is Verdict.ACCEPTED and state.paused_ns > (known_ns or event.sample.t_ref_ns):
             state.turn_count = state.turn_count.after(event.t_ns, measurement.innovation, expected.S)
