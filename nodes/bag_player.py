@@ -22,7 +22,8 @@ from std_srvs.srv import SetBool, Trigger
 
 from compass.errors import VisualCompassError
 from compass.parameters import ParameterSet, parameter
-from fusion.offline.bag import COMPRESSED_IMAGE, IMAGE, Bag, BagError, Message
+from fusion.offline.bag import Bag, BagError
+from fusion.offline.bag_messages import COMPRESSED_IMAGE, IMAGE, Message
 from nodes.conversions import ns_to_stamp
 from nodes.in_turn import LONGEST_TURN_S, InTurn
 from nodes.parameters import declare_config

@@ -76,7 +76,6 @@ class Robot:
             lambda: any(answer.done() for answer in answers),
             f"an answer of {node}",
         )
-        self.node.destroy_client(client)
 
     def call(self, kind: type, service: str, request: Any) -> Any:
         """Call a service of a node."""
@@ -85,7 +84,6 @@ class Robot:
         self.meet(service.rpartition("/")[0])
         future = client.call_async(request)
         wait_for(future.done, f"an answer of {service}")
-        self.node.destroy_client(client)
         return future.result()
 
 

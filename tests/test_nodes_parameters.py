@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import signal
 from itertools import pairwise
 
 import numpy as np
@@ -27,6 +28,7 @@ from ros_process import started
 from sensor_msgs.msg import Image, Imu
 
 from fusion.settings import Settings
+from nodes import fusion_node
 from nodes.parameters import settings_specs, settings_values
 
 
@@ -136,15 +138,23 @@ def test_method_of_ones_own_turns_the_compass(robot, tmp_path, monkeypatch):
         ({"compass.metod": "rows"}, "did you mean"),
         ({"compass.columns": 3}, "16"),
         ({"publish_tf": True}, "tf2_ros"),
-        ({"gyro_topic": "imu-data"}, "gyro_topic: 'imu-data' is no name of a topic: topic name must not contain"),
     ],
 )
-def test_wrong_parameter_is_refused_in_one_line(parameters, says, tmp_path):
-    named = {name.replace(".", "__"): value for name, value in parameters.items()}
-    with started("nodes.fusion_node", tmp_path / "log", **named) as node:
+def test_wrong_parameter_is_refused_in_one_line(parameters, says, capfd, monkeypatch):
+    """In this process; the next test starts one."""
+    monkeypatch.setattr(signal, "signal", lambda *_: None)  # a node that ends hears no second one
+    given = [part for name, value in parameters.items() for part in ("-p", f"{name}:={str(value).lower()}")]
+    assert fusion_node.main(["--ros-args", *given]) == 1
+    text = capfd.readouterr().err
+    assert text.count("\n") == 1
+    assert says in text
+
+
+def test_name_that_no_topic_can_have_ends_the_node_with_one_line(tmp_path):
+    with started("nodes.fusion_node", tmp_path / "log", gyro_topic="imu-data") as node:
         assert node.wait() == 1
         assert node.text().count("\n") == 1
-        assert says in node.text()
+        assert "gyro_topic: 'imu-data' is no name of a topic: topic name must not contain" in node.text()
 
 
 def test_parameter_file_of_the_command_line_is_read(robot, tmp_path):

@@ -9,11 +9,9 @@ from typing import Any, TypeVar
 
 import click
 
-Command = TypeVar("Command", bound=Callable[..., None])
+from fusion.offline.sensor_columns import GYRO_COLUMNS, ODOMETRY_COLUMNS, TRUTH_COLUMNS
 
-GYRO_COLUMNS = "t (s) or t_ns; yaw_rate (rad/s, left positive), or gx,gy,gz (rad/s) and ax,ay,az (m/s^2)"
-ODOMETRY_COLUMNS = "t (s) or t_ns; yaw_rate (rad/s) or yaw (rad) or both, left positive; speed (m/s)"
-TRUTH_COLUMNS = "t (s) or t_ns; yaw (rad, left positive)"
+Command = TypeVar("Command", bound=Callable[..., None])
 
 
 class Moment(click.ParamType):  # type: ignore[type-arg, unused-ignore]  # generic since click 8.4

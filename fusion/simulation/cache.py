@@ -30,7 +30,7 @@ log = logging.getLogger(__name__)
 # For smooth images run lengths after prediction are smaller and faster than a search for repeats.
 _PNG = (cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE)
 _RENDERS: tuple[str, ...] = ("body", "builder", "camera", "fittings", "held_out", "materials", "painter")
-_RENDERS += ("people", "places", "raster", "rendering", "surfaces", "world", "worlds", "yards")
+_RENDERS += ("people", "places", "raster", "rays", "rendering", "surfaces", "world", "worlds", "yards")
 
 
 class Frames(Protocol):

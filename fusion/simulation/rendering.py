@@ -13,7 +13,7 @@ from fusion.simulation.body import robot_body
 from fusion.simulation.camera import PanoramaCamera
 from fusion.simulation.painter import CameraPose
 from fusion.simulation.trajectory import Motion
-from fusion.simulation.world import World, nobody
+from fusion.simulation.world import World
 
 Frame = npt.NDArray[np.uint8]
 Mount = tuple[float, float, float]
@@ -59,14 +59,8 @@ class Renderer:
         if self.rolled:
             return self._roll(world)
 
-        last: tuple[CameraPose, Frame] | None = None
-
         def render(index: int) -> Frame:
-            nonlocal last
-            pose, shown = self.poses[index], last
-            if shown is None or shown[0] != pose or world.crowd is not nobody:  # a robot at rest sees the same again
-                shown = last = pose, quantise(self.camera.render(world, pose, self.times[index]))
-            return shown[1]
+            return quantise(self.camera.render(world, self.poses[index], self.times[index]))
 
         return render
 

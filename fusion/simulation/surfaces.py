@@ -78,14 +78,15 @@ class Skin:
         texels = np.maximum(footprint_u * self.per_metre_u, footprint_v * self.per_metre_v)
         return np.asarray(np.minimum(np.log2(np.maximum(texels, 1.0)), self.top_level), np.float64)
 
-    def sample(self, u: Levels, v: Levels, slope: Levels, tangent: Array, level: Levels) -> Array:
+    def sample(self, u: Levels, v: float, slope: Levels, tangent: Array, level: Levels) -> Array:
         """Grey of a block of pixels, shape (columns, rows).
 
         Parameters
         ----------
-        u, v, slope, level : ndarray, shape (columns,)
-            Position along the surface, m; depth below its top at elevation 0, m, and its change with the tangent of
-            the elevation; level of the pyramid.
+        v : float
+            Depth below its top at elevation 0, m.
+        u, slope, level : ndarray, shape (columns,)
+            Position along the surface, m; change of `v` with the tangent of the elevation; level of the pyramid.
         tangent : ndarray, shape (rows,)
             Tangent of each row's elevation.
         """
@@ -100,18 +101,19 @@ class Skin:
         grey += finer
         return grey
 
-    def _fetch(self, u: Levels, v: Levels, slope: Levels, tangent: Array, level: npt.NDArray[np.intp]) -> Array:
+    def _fetch(self, u: Levels, v: float, slope: Levels, tangent: Array, level: npt.NDArray[np.intp]) -> Array:
         """Bilinear look-up in one level per column."""
         scale = 0.5**level
-        across = (u % self.width) * self.per_metre_u * scale + self._first_u[level] - 0.5
         down = scale * self.per_metre_v
+        first = self._first_v[level]
+        across = (u % self.width) * self.per_metre_u * scale + (self._first_u[level] - 0.5)
         y = np.repeat(across.astype(np.float32)[:, None], tangent.size, axis=1)
         x = (slope * down).astype(np.float32)[:, None] * tangent
-        x += (v * down + self._first_v[level] - 0.5).astype(np.float32)[:, None]
-        first, last = self._first_v[level] - 1.0, self._last_v[level] + 1.0
-        if np.any(x[:, 0] < first) or np.any(x[:, -1] > last):  # it grows downwards
-            np.maximum(x, first[:, None], out=x)
-            np.minimum(x, last[:, None], out=x)
+        x += (v * down + (first - 0.5)).astype(np.float32)[:, None]
+        least, most = first - 1.0, self._last_v[level] + 1.0
+        if np.any(x[:, 0] < least) or np.any(x[:, -1] > most):  # it grows downwards
+            np.maximum(x, least[:, None], out=x)
+            np.minimum(x, most[:, None], out=x)
         return np.asarray(cv2.remap(self._atlas, x, y, cv2.INTER_LINEAR), np.float32)
 
 
