@@ -6,14 +6,12 @@ import math
 from bisect import bisect_left
 from typing import TYPE_CHECKING, NamedTuple
 
-import numpy as np
-
 from compass.tilt import Vector
 from fusion.buffer.events import Sensor
 from fusion.imu.tilt import NEAR_NS
 from fusion.record import record
 from fusion.samples import GyroSample
-from fusion.state.ekf import DIM, State, YawEkf
+from fusion.state.ekf import IDENTITY, State, YawEkf
 
 if TYPE_CHECKING:
     from fusion.state.filter_state import FilterState
@@ -134,7 +132,7 @@ def exposure(ekf: YawEkf, t_ns: int, trail: GyroTrail | None) -> Exposure:
 
 def clone_exposure(ekf: YawEkf, into: int, exposure: Exposure) -> None:
     """Copy the yaw that an image of the present stamp shows: that of its exposure, with its timestamp jitter."""
-    T = np.eye(DIM)
+    T = IDENTITY.copy()
     T[into] = T[State.YAW]
     T[into, State.CAMERA_DELAY] = -exposure.rate
     if exposure.watched:
