@@ -50,11 +50,16 @@ class Tilted:
         tilt : tuple of float
             Rotation of the scene about the camera's x and y before that, rad.
         """
-        cosine, sine = math.cos(turn), math.sin(turn)
-        about_axis = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
-        rotation = self.matrix @ _rotation(-tilt[0], -tilt[1], 0.0) @ about_axis
-        heading = math.atan2(rotation[1, 0], rotation[0, 0])
-        return Tilted(_rotation(0.0, 0.0, -heading) @ rotation), heading
+        return _without_heading(self.matrix @ _camera_rotation(turn, tilt))
+
+    def before(self, turn: float, tilt: tuple[float, float]) -> tuple[Tilted, float]:
+        """What its tilt was before the scene rotated and the camera turned as in `after`, and how its heading changed.
+
+        The newest tilt is the one to start from: how the IMU is mounted is found out while the robot turns, and what
+        was taken for its tilt before that may have been the mount.
+        """
+        tilted, heading = _without_heading(self.matrix @ _camera_rotation(turn, tilt).T)
+        return tilted, -heading
 
     def variance(self, turn: float, sigma: float) -> float:
         """Variance of that change of heading, rad^2, for errors `sigma` (rad) of roll and pitch; for small tilts."""
@@ -105,6 +110,19 @@ def beyond_error(up: Vector, sigma: float) -> Vector:
     less = math.sqrt(1.0 - (sigma / max(sine, sigma)) ** 2) if sine else 1.0
     x, y = less * up[0], less * up[1]
     return x, y, math.copysign(math.sqrt(max(1.0 - x * x - y * y, 0.0)), up[2])
+
+
+def _camera_rotation(turn: float, tilt: tuple[float, float]) -> npt.NDArray[np.float64]:
+    """Rotation of a camera before which the scene rotates by `tilt`, and that then turns, see `Tilted.after`."""
+    cosine, sine = math.cos(turn), math.sin(turn)
+    about_axis = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
+    return np.asarray(_rotation(-tilt[0], -tilt[1], 0.0) @ about_axis, np.float64)
+
+
+def _without_heading(rotation: npt.NDArray[np.float64]) -> tuple[Tilted, float]:
+    """The tilt of an attitude, and its heading, rad."""
+    heading = math.atan2(rotation[1, 0], rotation[0, 0])
+    return Tilted(_rotation(0.0, 0.0, -heading) @ rotation), heading
 
 
 def _rotation(x: float, y: float, z: float) -> npt.NDArray[np.float64]:

@@ -290,13 +290,19 @@ class VisualCompass:
         """The increment of a good match; where too much has moved apart, the strip is the next keyframe."""
         reference_ns, per_px = keyframe.strip.t_ns, math.tau / keyframe.strip.columns
         turn = match.shift_px * per_px
-        tilted, yaw = keyframe.tilts.after(turn, match.tilt)
-        variance = match.variance_px2 * per_px**2 + keyframe.tilts.variance(turn, self.config.tilt_sigma)
+        now = self._tilt_of(strip)
+        if now is None:
+            before = keyframe.tilts
+            tilted, yaw = before.after(turn, match.tilt)
+            now = tilted.later((strip.t_ns - reference_ns) * 1e-9)
+        else:
+            before, yaw = now.before(turn, match.tilt)
+        variance = match.variance_px2 * per_px**2 + before.variance(turn, self.config.tilt_sigma)
         self.yaw += wrap_angle(keyframe.yaw + yaw - self.yaw)
         self.yaw_variance = self._last_variance = keyframe.variance + variance
         self._last = strip
         self._lost_turns.known(strip.t_ns)
-        self._tilt = self._tilt_of(strip) or tilted.later((strip.t_ns - reference_ns) * 1e-9)
+        self._tilt = now
         self._unmatched_since_ns = None
         if match.spread_px > self._keyframe_spread:
             self._keyframe = self._last_view(strip)

@@ -22,7 +22,9 @@ from fusion.buffer.events import (
 from fusion.checks.diagnosis import adds_up
 from fusion.checks.scale_conflict import ScaleConflict
 from fusion.checks.silence import RATE_SILENT_NS
+from fusion.checks.windows import WINDOW_NS
 from fusion.config import FusionConfig
+from fusion.imu.tilt import TiltedTurn
 from fusion.state.bias_prior import BiasPrior
 from fusion.state.bias_walk import BiasWalk
 from fusion.state.ekf import YAWS, Correction, State, Transition, YawEkf
@@ -104,6 +106,7 @@ class YawFilter:
         elif isinstance(event, HeadingEvent):
             state.ekf.turn_frame(event.heading, event.variance)
             state.scale_conflict = replace(state.scale_conflict, yaw=float(state.x[State.YAW]))
+            state.tilted_turn = TiltedTurn()
         else:
             self._compass.refer(state, event)
         self._standstill.settle(state)
@@ -115,6 +118,7 @@ class YawFilter:
             # who contradicted says no more: it is known for good how little is known
             state.ekf.widen_frame(before.unconfirmed_variance)
             state.unconfirmed = state.confirmed(self.config.initial_rate_sigma)
+        self._doubt(before, state, event)
         if before.t_ns is None:
             state.unconfirmed = state.begun(float(before.x[State.YAW]), self.config.initial_rate_sigma)
         self._confirm(before, state, event)
@@ -127,6 +131,19 @@ class YawFilter:
             state.yaw_lead = 0.0
         elif state.stillness.standing and before.t_ns is not None:
             state.yaw_lead -= float(believed(state)[0][State.YAW] - believed(before)[0][State.YAW])
+
+    @staticmethod
+    def _doubt(before: FilterState, state: FilterState, event: FusionEvent) -> None:
+        """Keep for good what the yaw owes to a gyro that is found to err, but for what was taken back of it.
+
+        Those are two windows, or all since a reference from when two sensors last agreed.
+        """
+        known, began_ns = before.unconfirmed, before.turns.start_ns
+        if known is None or began_ns is None or not (before.believes(Sensor.GYRO) and not state.believes(Sensor.GYRO)):
+            return
+        bridged = isinstance(event, CompassEvent) and event.sample.t_ref_ns <= known.since.t_ns
+        if state.isolation.excludes(Sensor.GYRO) and known.since.t_ns < began_ns - WINDOW_NS and not bridged:
+            state.ekf.widen_frame(before.unconfirmed_variance)
 
     def _confirm(self, before: FilterState, state: FilterState, event: FusionEvent) -> None:
         """Note whether two sensors agree on the yaw, or who has spoken since they did."""
@@ -165,7 +182,7 @@ class YawFilter:
         x, P = self.start.x.copy(), self.start.P.copy()
         yaw = float(believed(state)[0][State.YAW]) + state.yaw_lead
         x[YAWS] = yaw
-        variance += state.scale_conflict.variance(yaw)
+        variance += state.scale_conflict.variance(yaw) + state.tilted_turn.variance
         P[np.ix_(YAWS, YAWS)] = float(state.P[State.YAW, State.YAW]) + variance
         conflict = ScaleConflict(yaw)
         return replace(self.start.at(x, P), scale_conflict=conflict, aided_yaw=yaw, turn_count=state.turn_count)

@@ -37,7 +37,7 @@ def test_change_of_heading_is_that_of_the_nose(seed):
     before = Rotation.from_euler("ZYX", rng.uniform([-3.0, -0.7, -0.7], [3.0, 0.7, 0.7]))
     turn, tilt = rng.uniform(-3.0, 3.0), rng.uniform(-0.3, 0.3, 2)
     after = before * Rotation.from_rotvec([-tilt[0], -tilt[1], 0.0]) * Rotation.from_rotvec([0.0, 0.0, turn])
-    change = heading_change(up_of(before), turn, tuple(tilt))
+    change = heading_change(up_of(after), turn, tuple(tilt))
     assert abs(change - turn) < math.pi
     assert math.remainder(change - (heading_of(after) - heading_of(before)), math.tau) == pytest.approx(0.0, abs=1e-12)
 
@@ -72,7 +72,7 @@ def test_variance_is_that_of_headings_from_wrong_leans(lean_deg, turn):
     for towards in np.linspace(0.0, math.tau, 40, endpoint=False):
         up = math.sin(lean) * np.array([math.cos(towards), math.sin(towards), 0.0]) + [0.0, 0.0, math.cos(lean)]
         leans, true = Tilted.upright(tuple(up)), heading_change(tuple(up), turn)
-        assert leans.after(turn, (0.0, 0.0))[1] == pytest.approx(math.remainder(true, math.tau))
+        assert leans.before(turn, (0.0, 0.0))[1] == pytest.approx(math.remainder(true, math.tau))
         for error in sigma * rng.normal(size=(40, 2)):
             wrong = Rotation.from_rotvec([*error, 0.0]).apply(up)
             seen.append(heading_change(tuple(wrong), turn) - true)
@@ -133,23 +133,23 @@ def test_lean_is_not_told_by_an_axis_that_is_given_or_by_nothing():
         assert ImuLevel(config).sample(0, (0.0, 0.0, 0.1), force).up is None
 
 
-def on_slope(seed, lean_deg, *, told=True, **kwargs):
+def on_slope(seed, lean_deg, *, told=True, off=None, **kwargs):
     """A drive in a place that has sunk: true heading, gyro of three biased axes, compass and tracks about the axis."""
-    drive = robot_drive(seed, bias=0.0, **kwargs)
+    drive, off = robot_drive(seed, bias=0.0, **kwargs), off or Rotation.identity()
     slope, level = Rotation.from_euler("y", lean_deg, degrees=True), ImuLevel()
     yaw = drive.yaw + np.unwrap(heading_of(slope * Rotation.from_euler("z", drive.yaw[:, None])) - drive.yaw)
     yaw -= math.tau * np.round(yaw[0] / math.tau)
 
     def change(sample):
         if isinstance(sample, YawIncrement):
-            up = up_of(slope * Rotation.from_euler("z", drive.yaw[sample.t_ref_ns // 10**6]))
+            up = up_of(off * slope * Rotation.from_euler("z", drive.yaw[sample.t_ref_ns // 10**6]))
             variance = Tilted.upright(up).variance(sample.yaw, CompassConfig().tilt_sigma) if told else 0.0
             return replace(sample, variance=sample.variance + variance, turn=sample.yaw)
         if isinstance(sample, OdometrySample):
             return sample
         robot = slope * Rotation.from_euler("z", drive.yaw[sample.t_ns // 10**6])
         rates, force = BIAS + np.array([0.0, 0.0, sample.yaw_rate]), robot.inv().apply([0.0, 0.0, 9.81])
-        gyro = level.sample(sample.t_ns, rates, force, robot.as_quat())
+        gyro = level.sample(sample.t_ns, rates, force, (off * robot).as_quat())
         return gyro if told else replace(gyro, up=None)
 
     return replace(drive, yaw=yaw, samples=[change(sample) for sample in drive.samples])
@@ -163,6 +163,18 @@ def test_fused_heading_on_a_slope_is_right_within_its_sigma(seed, lean_deg):
     assert np.sqrt(np.mean(errors**2)) < 0.5 * DEG
     assert errors[-1] ** 2 / fusion.estimate().yaw_variance < 9.0
     assert fusion.estimate().track_scale == pytest.approx(1.35, abs=0.05)
+
+
+@pytest.mark.parametrize("about", ["x", "y"])
+def test_vertical_that_errs_is_in_sigma(about):
+    """A vertical that is off by twice its deviation, alike for all sensors: none contradicts."""
+    drive = on_slope(1, 30.0, off=Rotation.from_euler(about, 2.0 * TILT_ERROR))
+    fusion, worst = YawFusion(), 0.0
+    for sample in drive.samples:
+        fusion.add(sample)
+        estimate = fusion.estimate()
+        worst = max(worst, abs(drive.error(estimate)) / math.hypot(math.sqrt(estimate.yaw_variance), 0.02 * DEG))
+    assert worst < 4.0
 
 
 def test_slope_that_nobody_tells_of_would_cost_degrees():
@@ -218,7 +230,7 @@ def test_compass_that_is_told_how_it_leans_says_headings():
     for k, column in enumerate(columns):
         image = np.roll(scene, column, axis=1)
         told, guessed = compass.update(k * 10**8, image), level.update(k * 10**8, image)
-    true = heading_change(leans[0], turns[-1])
+    true = heading_change(leans[-1], turns[-1])
     assert abs(true - turns[-1]) > 0.01
     assert (compass.yaw, level.yaw) == pytest.approx((true, turns[-1]), abs=2e-4)
     assert told.turn == guessed.turn == pytest.approx(turns[-1], abs=2e-4)

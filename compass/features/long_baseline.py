@@ -79,7 +79,9 @@ class LongBaselines:
         reach = math.hypot(INCONSISTENT, DISAGREE * math.sqrt(abs(now.variance - view.variance)))
         match = follow_landmarks(view.strip, now.strip, Search(expected / per_px, reach / per_px, forward_px))
         turn, variance = match.shift_px * per_px, match.variance_px2 * per_px**2
-        yaw = view.tilts.after(turn, match.tilt)[1]
+        tilts, yaw = view.tilts, view.tilts.after(turn, match.tilt)[1]
+        if now.strip.up is not None:
+            tilts, yaw = now.tilts.before(turn, match.tilt)
         refused = match.status is not CompassStatus.OK or abs(wrap_angle(yaw - expected)) > reach
         old = now.strip.t_ns - view.strip.t_ns > OLDEST_NS - config.long_baseline_interval * 1e9
         with self._moving:
@@ -87,5 +89,5 @@ class LongBaselines:
                 self._view = now
         if refused:
             return None
-        found = yaw, float(variance + view.tilts.variance(turn, config.tilt_sigma)), match.confidence, turn, match.tilt
+        found = yaw, float(variance + tilts.variance(turn, config.tilt_sigma)), match.confidence, turn, match.tilt
         return YawIncrement(view.strip.t_ns, now.strip.t_ns, *found, long_baseline=True)

@@ -23,18 +23,18 @@ STEEPEST_SQUARED = STEEPEST_COSINE**2  # and the cosine of a robot on its side; 
 
 
 def heading_change(up: Vector, turn: float, tilt: tuple[float, float] = (0.0, 0.0)) -> float:
-    """Change of heading of a tilted robot that tilts further, then turns; rad, within half a turn of `turn`.
+    """Change of heading of a tilted robot that has tilted further, then turned; rad, within half a turn of `turn`.
 
     Parameters
     ----------
     up : (3,) tuple of float
-        The vertical in the robot's frame before, a unit vector.
+        The vertical in the robot's frame after that, a unit vector: the newest is what is known best of the mount.
     turn : float
         About the robot's own z axis, rad.
     tilt : (2,) tuple of float
         Of the scene about the robot's x and y axes before the turn, rad.
     """
-    heading = Tilted.upright(up).after(turn, tilt)[1]
+    heading = Tilted.upright(up).before(turn, tilt)[1]
     return heading + math.tau * round((turn - heading) / math.tau)
 
 
@@ -65,6 +65,33 @@ class BiasGain:
     def differs(self, other: BiasGain) -> bool:
         """Whether the tilt is another by more than matters."""
         return abs(self.own - other.own) + abs(self.cross - other.cross) > NOTICED
+
+
+@dataclass(frozen=True, slots=True)
+class TiltedTurn:
+    """What the yaw owes to a vertical that may err: the integral of the tilt over the turn.
+
+    On a slope a vertical that is off by an angle changes the rate of the heading by that angle times the sine of the
+    tilt, times the rate; gyro, tracks and compass all go by the same vertical, so that none contradicts. Bumps cancel,
+    and so does a full turn.
+
+    Attributes
+    ----------
+    x, y : float
+        Integrals of the vertical's components in the robot's frame over the turn, rad.
+    """
+
+    x: float = 0.0
+    y: float = 0.0
+
+    def after(self, up: Vector | None, turn: float) -> TiltedTurn:
+        """After a turn, rad, while `up` was the vertical in the robot's frame; None: not known, taken for level."""
+        return self if up is None else TiltedTurn(self.x + up[0] * turn, self.y + up[1] * turn)
+
+    @property
+    def variance(self) -> float:
+        """Of the yaw, rad^2."""
+        return TILT_ERROR**2 * (self.x**2 + self.y**2)
 
 
 def up_later(up: Vector, rate: float, seconds: float) -> Vector:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 
-from compass.tilt import Vector
 from fusion.record import record
 from fusion.state.ekf import CLONES
 from fusion.updates.image_timing import Exposure
@@ -25,8 +24,8 @@ class Clone:
         Whether an increment refers to it, or only might.
     exposure : Exposure
         Of the image.
-    up : tuple of float or None
-        The vertical in the robot's frame then.
+    placed_ns : int
+        When its yaw was last given: at its time, or later, where an increment put it.
     long_baseline : bool
         Whether it belongs to the last increment from some seconds ago, so that the next one may refer to it.
     """
@@ -35,7 +34,7 @@ class Clone:
     used_ns: int
     reference: bool
     exposure: Exposure
-    up: Vector | None
+    placed_ns: int
     long_baseline: bool = False
 
 
@@ -70,6 +69,11 @@ class Clones:
         """Noted that the clone in a slot is a reference, in use at `t_ns`."""
         clone = self.slots[slot]
         return self.put(slot, replace(clone, used_ns=t_ns, reference=True)) if clone else self
+
+    def placed(self, slot: int, t_ns: int) -> Clones:
+        """With the yaw of the clone in a slot given anew at `t_ns`."""
+        clone = self.slots[slot]
+        return self.put(slot, replace(clone, placed_ns=t_ns)) if clone else self
 
     def kept(self, *slots: int) -> Clones:
         """With the clones in these slots, and no others, kept for the next increment from some seconds ago."""

@@ -18,7 +18,7 @@ from fusion.checks.turn_count import TurnCount
 from fusion.checks.unconfirmed import Belief, TracksSince, Unconfirmed
 from fusion.checks.warnings import Warning, most_serious_first
 from fusion.checks.windows import SAME_NUMBER, Turns
-from fusion.imu.tilt import BiasGain
+from fusion.imu.tilt import BiasGain, TiltedTurn
 from fusion.samples import YawEstimate
 from fusion.state.bias_prior import BiasPrior
 from fusion.state.bias_walk import BiasWalk
@@ -71,6 +71,8 @@ class FilterState:
         What the gyro said lately.
     bias_gain : BiasGain
         Tilt of the robot, as far as it matters to the gyro's bias.
+    tilted_turn : TiltedTurn
+        What the yaw owes to a vertical that may err.
     paused_ns : int
         End of the last pause of all sensors that was long enough to turn round in, ns.
     turn_count : TurnCount
@@ -112,6 +114,7 @@ class FilterState:
     warnings: tuple[Warning, ...] = ()
     trail: GyroTrail = field(default_factory=GyroTrail)
     bias_gain: BiasGain = field(default_factory=BiasGain)
+    tilted_turn: TiltedTurn = field(default_factory=TiltedTurn)
     paused_ns: int = 0
     turn_count: TurnCount = field(default_factory=TurnCount)
     scale_conflict: ScaleConflict = field(default_factory=lambda: ScaleConflict(0.0))
@@ -273,6 +276,7 @@ def estimate_of(state: FilterState) -> YawEstimate | None:
         + state.yaw_lead**2
         + state.scale_variance
         + state.scale_conflict.variance(float(x[State.YAW]))
+        + state.tilted_turn.variance
         + state.isolation.variance(state.t_ns)
         + state.unconfirmed_variance
         + state.turn_count.variance

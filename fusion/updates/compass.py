@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from compass import YawIncrement, wrap_angle
+from compass.tilt import Vector
 from fusion.buffer.events import CompassEvent, ReferenceEvent, Sensor
 from fusion.checks.gate import Verdict
 from fusion.checks.windows import WINDOW_NS
@@ -66,9 +67,10 @@ class CompassUpdate:
             # the reference was never seen: place it where this increment says, so that those to come can use it
             state.references_lost += 1
             slot = self.remember(state, event.sample.t_ref_ns, reference=True)
-        increment = _levelled(event.sample, state.clones[slot])
+        up = state.trail.up_at(event.t_ns - round(1e9 * float(ekf.x[State.CAMERA_DELAY])))
+        increment = _levelled(event.sample, up)
         began_ns = state.turns.start_ns
-        exposure, moved = None, False
+        exposure, moved, kept = None, False, False
         if not increment.long_baseline:
             exposure = exposure_of(state)
             moved = self._isolation.take_turn(state, increment, slot if known else None, exposure)
@@ -76,6 +78,8 @@ class CompassUpdate:
                 exposure = None
         if moved and began_ns is not None:  # yaws of the window that was taken back, or of the one before, are wrong
             state.clones = state.clones.until(began_ns - WINDOW_NS, but=slot)
+            clone = state.clones[slot]
+            kept = known and clone is not None and clone.placed_ns <= began_ns - WINDOW_NS
         elif not moved:
             _allow_for_refused_gyro(state, event.t_ns)
         state.clones = state.clones.used(slot, event.t_ns)
@@ -93,6 +97,8 @@ class CompassUpdate:
         expected = ekf.expect(measurement)
         others = max(expected.S - ekf.jitter * rate**2, measurement.R)
         verdict = self._gating.judge(state, Sensor.COMPASS, measurement, expected) if known and not moved else None
+        if kept and not excluded and measurement.innovation**2 > self._gating.limit * expected.S:
+            verdict = Verdict.REJECTED  # the yaw was wrong for longer than was taken back
         known_ns = before.gates[Sensor.COMPASS].accepted_ns
         if verdict is Verdict.ACCEPTED and state.paused_ns > (known_ns or event.sample.t_ref_ns):
             state.turn_count = state.turn_count.after(event.t_ns, measurement.innovation, expected.S)
@@ -100,11 +106,13 @@ class CompassUpdate:
             state.jitter = state.jitter.after(measurement.innovation, others, rate)
         if verdict is None or excluded:
             ekf.anchor(since, measurement)
+            state.clones = state.clones.placed(slot, event.t_ns)
         if verdict is None or excluded or increment.long_baseline:
             return
         again = state.refusal is not None and state.refusal.is_repeated_by(increment, measurement.innovation)
-        if verdict is Verdict.RECOVERED or (verdict is Verdict.REJECTED and again and not witnessed):
-            self._isolation.recover(state, measurement, since, until, witnessed=witnessed)
+        if verdict is Verdict.RECOVERED or (verdict is Verdict.REJECTED and (moved or (again and not witnessed))):
+            self._isolation.recover(state, measurement, since, until, witnessed=witnessed and not moved)
+            state.clones = state.clones.placed(slot, event.t_ns)
         else:
             self._isolation.note_refusal(state, increment, measurement, verdict)
 
@@ -114,8 +122,7 @@ class CompassUpdate:
         if slot is None:
             slot, exposure = state.clones.next_slot(), exposure or exposure_of(state)
             clone_exposure(state.ekf, State.CLONE + slot, exposure)
-            up = state.trail.up_at(t_ns - round(exposure.delay * 1e9))
-            state.clones = state.clones.put(slot, Clone(t_ns, t_ns, reference, exposure, up))
+            state.clones = state.clones.put(slot, Clone(t_ns, t_ns, reference, exposure, state.t_ns or t_ns))
         elif reference:
             state.clones = state.clones.used(slot, t_ns)
         return slot
@@ -147,8 +154,8 @@ def _allow_for_refused_gyro(state: FilterState, t_ns: int) -> None:
         state.ekf.widen(State.YAW, (gate.report.innovation * seconds) ** 2)
 
 
-def _levelled(increment: YawIncrement, clone: Clone | None) -> YawIncrement:
-    """An increment of the heading, where the robot's tilt at its reference is known."""
-    if clone is None or clone.up is None or increment.turn is None:
+def _levelled(increment: YawIncrement, up: Vector | None) -> YawIncrement:
+    """An increment of the heading, where the vertical in the robot's frame is known at its exposure."""
+    if up is None or increment.turn is None:
         return increment
-    return replace(increment, yaw=float(wrap_angle(heading_change(clone.up, increment.turn, increment.tilt))))
+    return replace(increment, yaw=float(wrap_angle(heading_change(up, increment.turn, increment.tilt))))

@@ -60,7 +60,13 @@ class FaultIsolation:
                 window.gyro, window.compass, window.seconds
             ):
                 state.bias_walk = state.bias_walk.after(window, turns.start)
-            state.isolation, remedy = judge(state.isolation, window, bias)
+            before = state.isolation
+            state.isolation, remedy = judge(before, window, bias)
+            alternative = state.isolation.alternative(Sensor.COMPASS)
+            if state.refusal and alternative and not before.alternative(Sensor.COMPASS):
+                # images from references of before claim all that was refused, not what this window adds to it
+                claimed = max(alternative.offset, state.refusal.last - remedy.shift, key=abs)
+                state.isolation = state.isolation.with_alternative(replace(alternative, offset=claimed))
             moved = self._apply(state, remedy)
             state.warnings = warnings_of(state.isolation)
             if state.isolation.excludes(Sensor.GYRO):

@@ -49,6 +49,9 @@ class GyroUpdate:
             state.gyro_since_ns = event.t_ns
         if sample.up:
             sample = replace(sample, up=beyond_error(sample.up, TILT_ERROR))
+        if state.trail.points:
+            seconds = min(event.t_ns - state.trail.points[-1].t_ns, RATE_SILENT_NS) * 1e-9
+            state.tilted_turn = state.tilted_turn.after(sample.up, float(state.x[State.RATE]) * seconds)
         gain = BiasGain.tilted(sample.up) if sample.up else state.bias_gain
         if gain.differs(state.bias_gain):
             turn_bias(state.ekf, state.bias_gain, gain)
