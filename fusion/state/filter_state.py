@@ -63,6 +63,8 @@ class FilterState:
         Since when the gyro has spoken without a pause.
     refusal : Refusal or None
         Increments that the gate refuses at present.
+    image_excess : float
+        Squared innovation of the last image that passed the gate, beyond its variance, rad^2.
     unconfirmed : Unconfirmed or None
         Since when only one sensor measures the turn; None before two have agreed.
     warnings : tuple of Warning
@@ -108,6 +110,7 @@ class FilterState:
     gyro_vague: bool = False
     gyro_since_ns: int | None = None
     refusal: Refusal | None = None
+    image_excess: float = 0.0
     unconfirmed: Unconfirmed | None = None
     warnings: tuple[Warning, ...] = ()
     trail: GyroTrail = field(default_factory=GyroTrail)
@@ -276,6 +279,7 @@ def estimate_of(state: FilterState) -> YawEstimate | None:
         + state.isolation.variance(state.t_ns)
         + state.unconfirmed_variance
         + state.turn_count.variance
+        + (state.image_excess if state.hears(Sensor.COMPASS) else 0.0)
         + (state.refusal.variance if state.refusal else 0.0),
         turn_count_variance=state.turn_count.variance,
         yaw_rate=rate,

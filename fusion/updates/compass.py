@@ -100,8 +100,13 @@ class CompassUpdate:
             state.jitter = state.jitter.after(measurement.innovation, others, rate)
         if verdict is None or excluded:
             ekf.anchor(since, measurement)
-        if verdict is None or excluded or increment.long_baseline:
+        if increment.long_baseline:
             return
+        state.image_excess = 0.0
+        if verdict is None or excluded:
+            return
+        if verdict is Verdict.ACCEPTED:
+            state.image_excess = max(measurement.innovation**2 - expected.S, 0.0)
         again = state.refusal is not None and state.refusal.is_repeated_by(increment, measurement.innovation)
         if verdict is Verdict.RECOVERED or (verdict is Verdict.REJECTED and again and not witnessed):
             self._isolation.recover(state, measurement, since, until, witnessed=witnessed)
