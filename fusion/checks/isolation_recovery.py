@@ -140,7 +140,7 @@ def as_it_was(iso: Isolation, alternative: Alternative, window: Window, bias: fl
         Alternative(
             Sensor.COMPASS,
             alternative.since_ns,
-            -alternative.offset,
+            compass.turn - window.followed - alternative.offset,  # in this window the yaw may have followed the gyro
             third=alternative.third.swapped(),
             until_ns=window.t_ns,
             rate=off / window.seconds,

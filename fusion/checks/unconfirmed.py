@@ -112,6 +112,9 @@ class Unconfirmed:
         Variance of what the tracks claim since, rad^2, but for their scale.
     seen : Belief or None
         What was believed at the last image that passed the gate.
+    by_tracks : float
+        What of the yaw's variance, rad^2, the tracks alone have taken away since that image, and by how much they moved
+        the yaw, squared.
     beginning : bool
         Whether no two sensors have agreed yet: since the start, at which a robot is taken to stand.
     """
@@ -124,6 +127,7 @@ class Unconfirmed:
     pace_ns: int = SILENT_NS
     noise: float = 0.0
     seen: Belief | None = None
+    by_tracks: float = 0.0
     beginning: bool = False
 
     def is_alone(self, t_ns: int) -> bool:
@@ -142,7 +146,13 @@ class Unconfirmed:
         """After an image, whatever it says."""
         pace_ns = SILENT_NS if self.image_ns is None else min(now.t_ns - self.image_ns, SILENT_NS)
         pace_ns = self.pace_ns if now.t_ns == self.image_ns else pace_ns
-        return replace(self, image_ns=now.t_ns, pace_ns=pace_ns, seen=now if accepted else self.seen)
+        if not accepted:
+            return replace(self, image_ns=now.t_ns, pace_ns=pace_ns)
+        return replace(self, image_ns=now.t_ns, pace_ns=pace_ns, seen=now, by_tracks=0.0)
+
+    def told_by_tracks(self, variance: float) -> Unconfirmed:
+        """After tracks that nobody confirms before the next image; `variance` as in `by_tracks`."""
+        return replace(self, by_tracks=self.by_tracks + max(variance, 0.0))
 
     def with_window(self, window: Window | None) -> Unconfirmed:
         """After a window of turns."""

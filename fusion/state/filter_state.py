@@ -64,7 +64,7 @@ class FilterState:
     refusal : Refusal or None
         Increments that the gate refuses at present.
     image_excess : float
-        Squared innovation of the last image that passed the gate, beyond its variance, rad^2.
+        Squared innovation of the last image beyond its variance, rad^2, whether it passed the gate or not.
     unconfirmed : Unconfirmed or None
         Since when only one sensor measures the turn; None before two have agreed.
     warnings : tuple of Warning
@@ -202,7 +202,9 @@ class FilterState:
         """What the yaw owes to one sensor only, rad^2."""
         if self.unconfirmed is None or (self.unconfirmed.beginning and not self.gates[Sensor.GYRO].report):
             return 0.0
-        return self.unconfirmed.variance(self.belief, images=self.only_tracks_watch) + self.against_tracks
+        slipped = ALTERNATIVE_PROBABILITY[Sensor.TRACKS] * self.unconfirmed.by_tracks
+        variance = self.unconfirmed.variance(self.belief, images=self.only_tracks_watch) + self.against_tracks
+        return variance + (slipped if self.hears(Sensor.COMPASS) else 0.0)
 
     def is_blind(self, *, refused: bool) -> bool:
         """Whether no gyro and no compass can be believed to measure the turn rate; `refused`: the last image was.
@@ -279,8 +281,7 @@ def estimate_of(state: FilterState) -> YawEstimate | None:
         + state.isolation.variance(state.t_ns)
         + state.unconfirmed_variance
         + state.turn_count.variance
-        + (state.image_excess if state.hears(Sensor.COMPASS) else 0.0)
-        + (state.refusal.variance if state.refusal else 0.0),
+        + state.image_excess,
         turn_count_variance=state.turn_count.variance,
         yaw_rate=rate,
         yaw_rate_variance=float(P[State.RATE, State.RATE]) + (CREEP_RATE**2 if standing else 0.0),

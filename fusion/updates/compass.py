@@ -105,7 +105,7 @@ class CompassUpdate:
         state.image_excess = 0.0
         if verdict is None or excluded:
             return
-        if verdict is Verdict.ACCEPTED:
+        if verdict is not Verdict.RECOVERED:
             state.image_excess = max(measurement.innovation**2 - expected.S, 0.0)
         again = state.refusal is not None and state.refusal.is_repeated_by(increment, measurement.innovation)
         if verdict is Verdict.RECOVERED or (verdict is Verdict.REJECTED and again and not witnessed):
