@@ -171,29 +171,33 @@ class Unconfirmed:
         """Whether the tracks say the same since then, well within noise that hides no turn."""
         if self.tracks is None:
             return True
-        beyond = self._beyond(now)
-        hidden = HIDES * max(abs(now.yaw - self.since.yaw), abs(self.tracks.turn_until(now.t_ns) / now.scale))
-        if abs(beyond) > max(hidden, ALIKE_TURN):
+        return all(self._agrees(now, scaled) for scaled in (self.since, now))
+
+    def _agrees(self, now: Belief, scaled: Belief) -> bool:
+        """The same at the tracks' scale of one of the two times: the present one was learnt from who is in doubt."""
+        beyond = self._beyond(now, scaled)
+        claimed = now.yaw - self.since.yaw - beyond
+        if abs(beyond) > max(HIDES * max(abs(now.yaw - self.since.yaw), abs(claimed)), ALIKE_TURN):
             return False
-        return beyond**2 <= WELL_WITHIN**2 * (self.noise + self._by_scale(now))
+        return beyond**2 <= WELL_WITHIN**2 * (self.noise + self._by_scale(now, scaled))
 
     def contradiction(self, now: Belief) -> float | None:
         """By how much the yaw has turned more than the tracks say, rad, where that cannot be their noise."""
-        beyond = self._beyond(now)
+        beyond = self._beyond(now, now)
         if self.tracks is None or not self._witnessed(now):
             return None
-        noise = self.noise + self._by_scale(now) + ALIKE_TURN**2
+        noise = self.noise + self._by_scale(now, now) + ALIKE_TURN**2
         return beyond if beyond**2 > CONTRADICTION_SIGMAS**2 * noise else None
 
-    def _beyond(self, now: Belief) -> float:
-        """By how much the yaw has turned since then more than the tracks say, rad."""
-        claimed = self.tracks.turn_until(now.t_ns) / now.scale if self.tracks else 0.0
+    def _beyond(self, now: Belief, scaled: Belief) -> float:
+        """By how much the yaw has turned since then more than the tracks say, rad, at the scale of `scaled`."""
+        claimed = self.tracks.turn_until(now.t_ns) / scaled.scale if self.tracks else 0.0
         return now.yaw - self.since.yaw - claimed
 
-    def _by_scale(self, now: Belief) -> float:
-        """Variance that the tracks' scale gives to what they claim since then, rad^2."""
+    def _by_scale(self, now: Belief, scaled: Belief) -> float:
+        """Variance that this scale gives to what the tracks claim since then, rad^2."""
         claimed = self.tracks.turn_until(now.t_ns) if self.tracks else 0.0
-        return (now.scale_sigma * claimed / now.scale**2) ** 2
+        return (scaled.scale_sigma * claimed / scaled.scale**2) ** 2
 
     def blind(self, t_ns: int) -> Unconfirmed:
         """From a time on, ns, at which it shows that nobody can be believed to measure the turn rate."""
@@ -204,14 +208,14 @@ class Unconfirmed:
 
     def variance(self, now: Belief, *, images: bool) -> float:
         """What it adds to that of the yaw, rad^2; `images`: no gyro, but images measure the turn, and tracks slip."""
-        alike = ALIKE_TURN**2
-        if self.tracks is not None and self._witnessed(now):
-            beyond = self._beyond(now)
-            alike += self._by_scale(now)
-            if images:
-                beyond_slip = ALTERNATIVE_PROBABILITY[Sensor.GYRO] * max(beyond**2 - alike - SLIP**2 * self.noise, 0.0)
-                return beyond_slip + (self._beyond_rate(self.seen, now) if self.seen else 0.0)
-            return ALTERNATIVE_PROBABILITY[Sensor.GYRO] * max(beyond**2 - alike, 0.0)
+        if self._witnessed(now):
+            slip = SLIP**2 * self.noise if images else 0.0
+            beyond = max(
+                self._beyond(now, scaled) ** 2 - ALIKE_TURN**2 - self._by_scale(now, scaled)
+                for scaled in (self.since, now)
+            )
+            turned = self._beyond_rate(self.seen, now) if images and self.seen else 0.0
+            return ALTERNATIVE_PROBABILITY[Sensor.GYRO] * max(beyond - slip, 0.0) + turned
         last_ns = self.since.t_ns if self.image_ns is None else self.image_ns
         if self.blind_ns is None and now.t_ns - last_ns > PERIODS * self.pace_ns:
             return 0.0  # the camera has stopped, and the other sensor is alone, not unconfirmed

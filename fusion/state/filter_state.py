@@ -180,7 +180,7 @@ class FilterState:
         slipping = self.gates[Sensor.TRACKS].rejecting_since_ns is not None and self.hears(Sensor.COMPASS)
         slipping = slipping and self.believes(Sensor.GYRO) and not self.isolation.contradicted
         # tracks that have said nothing yet but zero may begin to speak before the next window is over
-        witness = self._speaks(Sensor.TRACKS) and (self.believes(Sensor.GYRO) or self.only_tracks_watch)
+        witness = self._speaks(Sensor.TRACKS) and (self.believes(Sensor.GYRO) or self.hears(Sensor.COMPASS))
         t_ns = self.t_ns or 0
         claims = TracksSince.begin(self.tracks.last, t_ns) if witness and not slipping and self.tracks else None
         if self.unconfirmed is None:
@@ -202,8 +202,10 @@ class FilterState:
         """What the yaw owes to one sensor only, rad^2."""
         if self.unconfirmed is None or (self.unconfirmed.beginning and not self.gates[Sensor.GYRO].report):
             return 0.0
-        slipped = ALTERNATIVE_PROBABILITY[Sensor.TRACKS] * self.unconfirmed.by_tracks
-        variance = self.unconfirmed.variance(self.belief, images=self.only_tracks_watch) + self.against_tracks
+        slipped, unconfirmed = ALTERNATIVE_PROBABILITY[Sensor.TRACKS] * self.unconfirmed.by_tracks, self.unconfirmed
+        if not (self.believes(Sensor.GYRO) or self.believes(Sensor.TRACKS)):
+            unconfirmed = replace(unconfirmed, tracks=None)  # those that never spoke contradict nobody
+        variance = unconfirmed.variance(self.belief, images=self.only_tracks_watch) + self.against_tracks
         return variance + (slipped if self.hears(Sensor.COMPASS) else 0.0)
 
     def is_blind(self, *, refused: bool) -> bool:
@@ -213,7 +215,8 @@ class FilterState:
         """
         gyro, standing = self.turns.gyro, self.stillness.standing
         if self.believes(Sensor.GYRO):
-            return refused or (gyro is not None and gyro.repeats >= SAME_NUMBER and not standing)
+            stuck = self.gyro_noise.stuck or (gyro is not None and gyro.repeats >= SAME_NUMBER)
+            return refused or (stuck and not standing)
         return refused or (standing and not self.believes(Sensor.TRACKS))
 
     @property
