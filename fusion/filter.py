@@ -111,7 +111,7 @@ class YawFilter:
             state.aided_yaw = float(state.x[State.YAW])
         self._lead(before, state, event)
         contradicted = before.unconfirmed is not None and before.unconfirmed.tracks is not None
-        if contradicted and before.believes(Sensor.TRACKS) and not state.believes(Sensor.TRACKS):
+        if contradicted and not state.believes(Sensor.TRACKS) and before.believes(Sensor.TRACKS):
             # who contradicted says no more: it is known for good how little is known
             state.ekf.widen_frame(before.unconfirmed_variance)
             state.unconfirmed = state.confirmed(self.config.initial_rate_sigma)

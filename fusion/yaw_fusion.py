@@ -47,11 +47,20 @@ class YawFusion:
 
     Samples may come from any subset of the sensors, late, out of order and twice (see `FusionConfig.lag_window`).
     A sample that cannot be used is refused and counted in `counts`, never an error.
+
+    Attributes
+    ----------
+    config : FusionConfig
+    counts : Counter
+        How many samples fared how, by text.
+    refusals : dict of Sensor to str
+        Why the last refused sample of each sensor was refused.
     """
 
     def __init__(self, config: FusionConfig | None = None) -> None:
         self.config = config or FusionConfig()
         self.counts: Counter[str] = Counter()
+        self.refusals: dict[Sensor, str] = {}
         self._filter = YawFilter(self.config)
         self.reset()
 
@@ -90,13 +99,13 @@ class YawFusion:
         fault = fault_of(sample)
         self._faults.note(sensor, sample.t_ns, fault)
         if fault:
-            return self._refuse(sample, f"{sensor.value}: {fault}")
+            return self._refuse(sample, fault)
         whole_ns(sample.t_ns)
         newest_ns = self._timeline.newest_ns
         if newest_ns is not None and sample.t_ns < newest_ns - self._lag_ns:
             return self._too_old(sample, newest_ns)
         if newest_ns is not None and self._leads.holds(sample):
-            self._refuse(sample, f"{sensor.value}: far ahead of all others")
+            self._refuse(sample, "far ahead of all others")
             if self._leads.opposed:
                 self._clocks.mismatch(sensor, sample.t_ns, newest_ns)
             return self._take_all(self._leads.deserted()) and self._catch_up()
@@ -134,7 +143,7 @@ class YawFusion:
     def _too_old(self, sample: Sample, newest_ns: int) -> bool:
         """Refuse a sample that is older than the lag window, unless time itself has jumped back."""
         sensor = sensor_of(sample)
-        self._refuse(sample, f"{sensor.value}: older than lag_window")
+        self._refuse(sample, "older than lag_window")
         if newest_ns - sample.t_ns <= self._reach_ns:
             return False  # over so short a way the others catch up by themselves
         self._clocks.mismatch(sensor, sample.t_ns, newest_ns)
@@ -153,7 +162,7 @@ class YawFusion:
     def _wait(self, sample: Sample, newest_ns: int) -> bool:
         """Let a sample wait that is far ahead; False as long as no other confirms it."""
         sensor = sensor_of(sample)
-        self._refuse(sample, f"{sensor.value}: far ahead of all others")
+        self._refuse(sample, "far ahead of all others")
         self._clocks.mismatch(sensor, sample.t_ns, newest_ns)
         self._ahead.add(sample, newest_ns)
         if not self._ahead.believed(self._heard, newest_ns, self._reach_ns):
@@ -184,9 +193,9 @@ class YawFusion:
             self._beginning = None if confirmed(self._beginning) else self._beginning[:1]
         event = event_of(sample)
         if self._timeline.holds(event):
-            return self._refuse(sample, f"{sensor.value}: duplicate")
+            return self._refuse(sample, "duplicate")
         if sensor in self._sequences and not self._sequences[sensor].fits(sample.t_ns):
-            return self._refuse(sample, f"{sensor.value}: its stamp repeats or goes back")
+            return self._refuse(sample, "its stamp repeats or goes back")
         references = self._references_of(event.sample) if isinstance(event, CompassEvent) else ()
         arrival = self._timeline.add(event, *references)
         if sample.t_ns > self._heard.get(sensor, sample.t_ns):
@@ -238,6 +247,9 @@ class YawFusion:
 
     def _refuse(self, sample: Sample, reason: str) -> bool:
         """Count and log a refused sample; always False."""
+        sensor = sensor_of(sample)
+        self.refusals[sensor] = reason
+        reason = f"{sensor.value}: {reason}"
         self.counts[reason] += 1
         log.debug("refused %s: %r", reason, sample)
         return False

@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 
 import yaml
 
-from fusion.offline.bag import IMAGE, Bag, BagError, Topic
+from fusion.offline.bag import Bag, BagError
+from fusion.offline.bag_messages import IMAGE, Topic
 from fusion.offline.topics import TopicRequest, choose_topics
 from fusion.settings import NONE, TopicSettings, load_settings
 from nodes.bag_player import PlayerConfig

@@ -22,7 +22,8 @@ from std_srvs.srv import SetBool, Trigger
 
 from compass.errors import VisualCompassError
 from compass.parameters import ParameterSet, parameter
-from fusion.offline.bag import COMPRESSED_IMAGE, IMAGE, Bag, BagError, Message
+from fusion.offline.bag import Bag, BagError
+from fusion.offline.bag_messages import COMPRESSED_IMAGE, IMAGE, Message
 from nodes.conversions import ns_to_stamp
 from nodes.in_turn import LONGEST_TURN_S, InTurn
 from nodes.parameters import declare_config
@@ -49,7 +50,7 @@ class PlayerConfig(ParameterSet):
     wait_for: str = parameter("", "topics that must have a subscriber before the start, separated by commas")
     wait_time: float = parameter(10.0, "longest wait for those subscribers", unit="s", low=0.0, high=3600.0)
     image_done: str = parameter(
-        "", "topic on which a node with `reliable` tells that it is done with an image; the next waits for that"
+        "", "topic on which a node with `reliable` tells that it is done with an image; all else waits for that"
     )
     clock_rate: float = parameter(
         100.0, "messages a second on /clock (bag time, for use_sim_time); 0: none", unit="Hz", low=0.0, high=1000.0
@@ -159,7 +160,7 @@ class BagPlayer(Node):
             if not self._wait(message):
                 return count
             image = message.msgtype in IMAGES
-            if image and self._in_turn is not None and self._wait_for_node():
+            if self._wait_for_node() and image and self._in_turn is not None:
                 self._in_turn.begin()
             self._publishers_by_topic[message.topic].publish(message.raw)
             self._steps -= self._steps > 0 and (image or not self._has_images)
@@ -168,7 +169,10 @@ class BagPlayer(Node):
         return count
 
     def _wait_for_node(self) -> bool:
-        """Wait until the node is done with the last image; False if it does not tell, as it never will."""
+        """Wait until the node is done with the last image; False if it does not tell, as it never will.
+
+        Samples wait as well: an image that takes longer than `lag_window` would come too late after them.
+        """
         if self._in_turn is not None and not self._in_turn.wait(lambda: self._open):
             self.get_logger().warning(f"nobody tells on {self._config.image_done}; playing all the same")
             self._in_turn = None

@@ -16,7 +16,7 @@ from std_srvs.srv import Empty
 from compass import YawIncrement
 from compass.errors import ConfigError
 from fusion import OdometrySample, Sensor, Verdict, YawPipeline
-from fusion.buffer.events import fault_of, sensor_of
+from fusion.buffer.events import sensor_of
 from fusion.dead_reckoning import DeadReckoning
 from fusion.imu.levelling import ImuLevel
 from fusion.messages import gyro_sample, odometry_sample
@@ -117,8 +117,7 @@ class FusionNode(Node):
             for _ in range(self._taken(sensor) - before - taken):  # samples that had waited
                 self._count(sensor, sample.t_ns)
             if not taken:
-                why = fault_of(sample) or "late beyond lag_window, far ahead of all others, or known already"
-                self._log(self._links[sensor].name, f"refused: {why}")
+                self._log(self._links[sensor].name, f"refused: {self._pipeline.fusion.refusals[sensor]}")
             elif not (isinstance(sample, YawIncrement) and sample.long_baseline):  # that is the second of its image
                 self._count(sensor, sample.t_ns)
                 if self._reckoning and isinstance(sample, OdometrySample):

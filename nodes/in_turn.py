@@ -1,4 +1,4 @@
-"""One image at a time: the next is played once the node is done with the one before."""
+"""One image at a time: what follows is played once the node is done with it."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ LONGEST_TURN_S = 60.0  # for one image: a node that needs longer has ended
 
 
 class InTurn:
-    """Lets an image go only once the node has told that it is done with the one before. Safe to use from any thread."""
+    """Lets what follows an image go once the node has told that it is done with it. Safe to use from any thread."""
 
     def __init__(self) -> None:
         self._free = threading.Event()

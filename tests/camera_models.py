@@ -13,18 +13,26 @@ import cv2
 import numpy as np
 
 
-def look_up(panorama, x, y, z):
-    """Grey values of a panorama along vectors: x ahead, y left, z up; NaN is black."""
-    height, width = panorama.shape
+def look_up(panorama, rays, *arguments):
+    """Grey values of a panorama along `rays(*arguments)`, vectors: x ahead, y left, z up; NaN is black."""
+    column, row, unseen = places(panorama.shape, rays, *arguments)
+    around = cv2.copyMakeBorder(panorama, 0, 0, 4, 4, cv2.BORDER_WRAP)
+    seen = cv2.remap(around, column, row, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+    seen[unseen] = 0
+    return seen
+
+
+@lru_cache(maxsize=16)
+def places(shape, rays, *arguments):
+    """Where rays meet a panorama that is wrapped by four columns on either side, and which do not."""
+    height, width = shape
+    x, y, z = rays(*arguments)
     azimuth, elevation = np.arctan2(y, x), np.arctan2(z, np.hypot(x, y))
     column = (0.5 - azimuth / math.tau) * width - 0.5
     row = (0.5 - elevation / math.pi) * height - 0.5
     unseen = ~np.isfinite(column + row)
-    around = cv2.copyMakeBorder(panorama, 0, 0, 4, 4, cv2.BORDER_WRAP)
-    maps = (np.where(unseen, 0, one).astype(np.float32) for one in (column % width + 4, row))
-    seen = cv2.remap(around, *maps, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
-    seen[unseen] = 0
-    return seen
+    column, row = (np.where(unseen, 0, one).astype(np.float32) for one in (column % width + 4, row))
+    return column, row, unseen
 
 
 def pixels(height, width):
@@ -43,10 +51,9 @@ def optical_to_robot(looks, right, down, along):
     return -along, right, -down
 
 
-@lru_cache(maxsize=8)
-def fisheye_rays(height, width, centre, focal, k, field_of_view, roll=0.0):
+def fisheye_rays(size, centre, focal, k, field_of_view, roll, looks):
     """Rays of the pixels of OpenCV's fisheye camera; NaN outside of its field of view (rad)."""
-    column, row = pixels(height, width)
+    column, row = pixels(size, size)
     x, y = (column - centre[0]) / focal, (row - centre[1]) / focal
     # the picture lies turned counter-clockwise by roll: turn it back
     x, y = x * math.cos(roll) - y * math.sin(roll), x * math.sin(roll) + y * math.cos(roll)
@@ -59,12 +66,11 @@ def fisheye_rays(height, width, centre, focal, k, field_of_view, roll=0.0):
         angle = angle - (value - distorted) / slope
     angle[angle > field_of_view / 2] = np.nan
     scale = np.sin(angle) / np.maximum(distorted, 1e-9)
-    return x * scale, y * scale, np.cos(angle)
+    return optical_to_robot(looks, x * scale, y * scale, np.cos(angle))
 
 
 def fisheye(panorama, size, centre, focal, field_of_view, looks="up", k=(0.0, 0.0, 0.0, 0.0), roll=0.0):
-    rays = fisheye_rays(size, size, centre, focal, k, field_of_view, roll)
-    return look_up(panorama, *optical_to_robot(looks, *rays))
+    return look_up(panorama, fisheye_rays, size, centre, focal, k, field_of_view, roll, looks)
 
 
 def dual_fisheye(panorama, size, field_of_view, rolls=(0.0, 0.0), stacked=False, fill=0.95, gain=1.0):
@@ -80,6 +86,10 @@ def dual_fisheye(panorama, size, field_of_view, rolls=(0.0, 0.0), stacked=False,
 
 def ring(panorama, size, inner, outer, elevations, looks="up"):
     """Radii are pixels, elevations rad at the inner and outer one."""
+    return look_up(panorama, ring_rays, size, inner, outer, elevations, looks)
+
+
+def ring_rays(size, inner, outer, elevations, looks):
     column, row = pixels(size, size)
     x, y = column - (size - 1) / 2, row - (size - 1) / 2
     radius = np.hypot(x, y)
@@ -88,13 +98,17 @@ def ring(panorama, size, inner, outer, elevations, looks="up"):
     elevation = elevations[0] + part * (elevations[1] - elevations[0])
     level = np.cos(elevation) / np.maximum(radius, 1e-9)
     ahead, left, _ = optical_to_robot(looks, x * level, y * level, 0.0 * x)
-    return look_up(panorama, ahead, left, np.sin(elevation))
+    return ahead, left, np.sin(elevation)
 
 
 def cylinder(panorama, width, height, field_of_view, tangent=True):
+    return look_up(panorama, cylinder_rays, width, height, field_of_view, tangent)
+
+
+def cylinder_rays(width, height, field_of_view, tangent):
     column, row = pixels(height, width)
     per_px = field_of_view / width
     azimuth = -(column - (width - 1) / 2) * per_px
     steep = -(row - (height - 1) / 2) * per_px
     rise = steep if tangent else np.tan(steep)
-    return look_up(panorama, np.cos(azimuth), np.sin(azimuth), rise)
+    return np.cos(azimuth), np.sin(azimuth), rise

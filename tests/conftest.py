@@ -42,6 +42,12 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             item.add_marker(pytest.mark.slow)
 
 
+@pytest.fixture
+def without_plot(monkeypatch: pytest.MonkeyPatch) -> None:
+    """`fuse` in this process draws no plot, which takes as long as the fusion of a short bag; others look at that."""
+    monkeypatch.setattr("fusion.offline.fuse_bag.plot_run", lambda run, path, title: path.write_bytes(b""))
+
+
 @pytest.fixture(scope="session")
 def tiny_bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """An MCAP file with everything in it."""

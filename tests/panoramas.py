@@ -7,6 +7,7 @@ right, so positive shifts are positive yaws.
 from __future__ import annotations
 
 import math
+from functools import cache, lru_cache
 from pathlib import Path
 
 import cv2
@@ -33,6 +34,8 @@ STARTS = {  # headings to start from, rad
 }
 
 Image = npt.NDArray[np.generic]
+Maps = tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]
+WRAP = 8  # columns by which Lanczos' filter may reach over the seam
 
 
 def scene(seed: int = 0, width: int = 1024, height: int = 128) -> npt.NDArray[np.float32]:
@@ -80,10 +83,13 @@ def as_bytes(image: Image, noise: float = 0.0, seed: int = 0) -> npt.NDArray[np.
     return np.clip(np.rint(image), 0, 255).astype(np.uint8)
 
 
+@cache
 def photo(name: str) -> npt.NDArray[np.float32]:
     """Grey photograph, contrast compressed so that neither a shift nor noise leaves 0..255."""
     image = cv2.imread(str(PHOTOS / f"{name}.jpg"), cv2.IMREAD_GRAYSCALE)
-    return image.astype(np.float32) * np.float32(0.7) + np.float32(38.0)
+    grey = image.astype(np.float32) * np.float32(0.7) + np.float32(38.0)
+    grey.flags.writeable = False  # shared by all who ask
+    return grey
 
 
 def show(compass: VisualCompass, *images: Image, t_ns: int = START_NS, every_ns: int = FRAME_NS) -> YawIncrement | None:
@@ -121,32 +127,47 @@ def seen_from(image: Image, step: float, direction: float, distance: npt.ArrayLi
     ``step / distance * cos(a - direction) * sin(e) * cos(e)``; this is the exact geometry.
     """
     height, width = image.shape[:2]
-    now = azimuths(width)
     far = np.broadcast_to(np.asarray(distance, float), width)
+    return _looked_up(image, *_maps_after_a_step(height, width, step, direction, far.tobytes()))
+
+
+@lru_cache(maxsize=4)
+def _maps_after_a_step(height: int, width: int, step: float, direction: float, distances: bytes) -> Maps:
+    """Where in a panorama is what `seen_from` shows."""
+    now, far = azimuths(width), np.frombuffer(distances)
     before = now.copy()
     for _ in range(20):  # where was it that is seen there now: converges like (step / distance)^n
         d = np.interp(-before, -now, far, period=math.tau)
         x, y = d * np.cos(before) - step * math.cos(direction), d * np.sin(before) - step * math.sin(direction)
         before = before + np.angle(np.exp(1j * (now - np.arctan2(y, x))))
     elevation = np.arctan(np.tan(elevations(height))[:, None] * (np.hypot(x, y) / d)[None, :])
-    return _looked_up(image, np.broadcast_to(before, (height, width)), elevation)
+    return _maps(np.broadcast_to(before, (height, width)), elevation)
 
 
 def tilted(image: Image, about_x: float, about_y: float) -> npt.NDArray[np.float32]:
     """A full-sphere panorama (2:1) after the scene has rotated about x and y of the camera (a rotation vector, rad)."""
-    height, width = image.shape[:2]
+    return _looked_up(image, *_maps_after_a_tilt(*image.shape[:2], about_x, about_y))
+
+
+@lru_cache(maxsize=4)
+def _maps_after_a_tilt(height: int, width: int, about_x: float, about_y: float) -> Maps:
+    """Where in a panorama is what `tilted` shows."""
     a, e = np.meshgrid(azimuths(width), elevations(height))
     now = np.stack([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
     rotation = Rotation.from_rotvec([about_x, about_y, 0.0]).as_matrix()
     x, y, z = np.einsum("ji,jrc->irc", rotation, now)
-    return _looked_up(image, np.arctan2(y, x), np.arcsin(np.clip(z, -1.0, 1.0)))
+    return _maps(np.arctan2(y, x), np.arcsin(np.clip(z, -1.0, 1.0)))
 
 
-def _looked_up(image: Image, azimuth: npt.NDArray[np.float64], elevation: npt.NDArray[np.float64]) -> Image:
-    """Grey values of a full-sphere panorama at these angles."""
-    height, width = image.shape[:2]
+def _maps(azimuth: npt.NDArray[np.float64], elevation: npt.NDArray[np.float64]) -> Maps:
+    """Columns and rows of these angles in a full-sphere panorama that is wrapped by `WRAP` columns on either side."""
+    height, width = azimuth.shape
     column = ((math.pi - azimuth) / math.tau * width - 0.5) % width
     row = (math.pi / 2.0 - elevation) / math.pi * height - 0.5
-    around = np.concatenate([image[:, -8:], image, image[:, :8]], axis=1)  # the filter reaches over the seam
-    maps = (column + 8.0).astype(np.float32), row.astype(np.float32)
-    return cv2.remap(around, *maps, cv2.INTER_LANCZOS4, borderMode=cv2.BORDER_REPLICATE)
+    return (column + WRAP).astype(np.float32), row.astype(np.float32)
+
+
+def _looked_up(image: Image, column: npt.NDArray[np.float32], row: npt.NDArray[np.float32]) -> Image:
+    """Grey values of a full-sphere panorama there."""
+    around = np.concatenate([image[:, -WRAP:], image, image[:, :WRAP]], axis=1)
+    return cv2.remap(around, column, row, cv2.INTER_LANCZOS4, borderMode=cv2.BORDER_REPLICATE)

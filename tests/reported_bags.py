@@ -110,8 +110,13 @@ def panorama(heading: float, rng: np.random.Generator) -> np.ndarray:
     return np.clip(np.rint(image + rng.normal(0.0, 2.0, image.shape)), 0, 255).astype(np.uint8)
 
 
-def messages(*, image_hz: float = 8.0, gyro_hz: float = 50.0, seed: int = 3) -> Iterator[Message]:
+@lru_cache(maxsize=2)
+def messages(*, image_hz: float = 8.0, gyro_hz: float = 50.0, seed: int = 3) -> tuple[Message, ...]:
     """All of the drive, by stamp, with nothing wrong."""
+    return tuple(_drawn(image_hz, gyro_hz, seed))
+
+
+def _drawn(image_hz: float, gyro_hz: float, seed: int) -> Iterator[Message]:
     rng = np.random.default_rng(seed)
     events = [(k / hertz, kind) for kind, hertz in (("imu", gyro_hz), ("tracks", 20.0), ("picture", image_hz))
               for k in range(int(SECONDS * hertz) + 1)]  # fmt: skip
@@ -123,7 +128,9 @@ def messages(*, image_hz: float = 8.0, gyro_hz: float = 50.0, seed: int = 3) -> 
         elif kind == "tracks":
             yield Tracks(t_ns, TRACK_SCALE * float(yaw(t)), TRACK_SCALE * float(turn_rate(t)))
         else:
-            yield Picture(t_ns, panorama(float(yaw(t)), rng))
+            pixels = panorama(float(yaw(t)), rng)
+            pixels.flags.writeable = False  # shared by all who ask
+            yield Picture(t_ns, pixels)
 
 
 def changed(found: Iterable[Message], change: Callable[[Message], Any]) -> Iterator[Message]:

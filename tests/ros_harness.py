@@ -1,19 +1,12 @@
-"""A robot's sensors and a listener on the real rclpy, and nodes of ours as separate processes, on loopback only."""
+"""A robot's sensors and a listener on the real rclpy, and what its messages hold."""
 
 from __future__ import annotations
 
 import array
-import fcntl
-import os
-import signal
-import subprocess
-import sys
-import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, suppress
-from pathlib import Path
+from collections.abc import Callable
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -21,91 +14,16 @@ import pytest
 
 rclpy = pytest.importorskip("rclpy", reason="rclpy is not installed: pip install '.[ros]'")
 
-
-def _own_domain() -> tuple[int, Any]:
-    """A ROS domain that no other test run on this machine uses, and the lock on it, held while the process lives."""
-    for domain in [1 + (os.getpid() + k) % 100 for k in range(100)]:
-        lock = (Path(tempfile.gettempdir()) / f"visual-compass-domain-{os.getuid()}-{domain}").open("w")
-        with suppress(OSError):
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            return domain, lock
-        lock.close()
-    raise RuntimeError("all ROS domains from 1 to 100 are in use by other test runs")
-
-
-# The environment is read when the first context opens: a domain of our own, never beyond this machine.
-_DOMAIN, _LOCK = _own_domain()
-os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
-os.environ["ROS_DOMAIN_ID"] = str(_DOMAIN)
-
 from nav_msgs.msg import Odometry  # noqa: E402
+from rcl_interfaces.srv import GetParameters  # noqa: E402
 from rclpy.context import Context  # noqa: E402
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor  # noqa: E402
 from rclpy.qos import qos_profile_sensor_data  # noqa: E402
+from ros_process import PATIENCE_S  # noqa: E402
 from sensor_msgs.msg import CompressedImage, Image, Imu  # noqa: E402
 
-ROOT = Path(__file__).resolve().parents[1]
-PATIENCE_S = 300.0  # for anything that a loaded machine does late: no verdict on speed; a healthy one needs a second
+LOST_S = 30.0  # without an answer, after which a message is taken for lost
 START_NS = 1_700_000_000_000_000_000
-
-
-class Process:
-    """One of our nodes, started as ``python -m module``."""
-
-    def __init__(self, module: str, parameters: Mapping[str, Any], arguments: list[str], log: Path) -> None:
-        command = [sys.executable, "-m", module, "--ros-args", *arguments]
-        for name, value in parameters.items():
-            command += ["-p", f"{name}:={str(value).lower() if isinstance(value, bool) else value}"]
-        self.log = log
-        environment = dict(os.environ, PYTHONUNBUFFERED="1", PYTHONFAULTHANDLER="1")
-        with log.open("wb") as out:
-            self._process = subprocess.Popen(command, cwd=ROOT, env=environment, stdout=out, stderr=subprocess.STDOUT)
-
-    @property
-    def pid(self) -> int:
-        return self._process.pid
-
-    @property
-    def alive(self) -> bool:
-        return self._process.poll() is None
-
-    def text(self) -> str:
-        """All the node has printed so far."""
-        return self.log.read_text(errors="replace")
-
-    def complaints(self) -> list[str]:
-        """Lines printed of messages that could not be used (they begin with the topic) and of crashes."""
-        ours = ("[INFO]", "[WARN]")
-        return [line for line in self.text().splitlines() if "]: /" in line or not line.startswith(ours)]
-
-    def wait(self, timeout: float = PATIENCE_S) -> int:
-        return self._process.wait(timeout)
-
-    def end(self, how: signal.Signals = signal.SIGINT) -> int:
-        """Send a signal; returns the exit code."""
-        self._process.send_signal(how)
-        try:
-            return self._process.wait(PATIENCE_S)
-        except subprocess.TimeoutExpired:
-            self._process.send_signal(signal.SIGABRT)  # its fault handler writes where every thread stands
-            self._process.wait(PATIENCE_S)
-            raise AssertionError(f"{how.name} did not end the node in {PATIENCE_S:g} s:\n{self.text()}") from None
-
-    def close(self) -> None:
-        if self.alive:
-            self._process.kill()
-            self._process.wait(PATIENCE_S)
-
-
-@contextmanager
-def started(module: str, log: Path, arguments: list[str] | None = None, **parameters: Any) -> Iterator[Process]:
-    """A running node, gone afterwards; ``__`` in a parameter's name stands for a dot."""
-    named = {name.replace("__", "."): value for name, value in parameters.items()}
-    process = Process(module, named, arguments or [], log)
-    try:
-        yield process
-    finally:
-        process.close()
 
 
 class Robot:
@@ -128,7 +46,7 @@ class Robot:
 
     def close(self) -> None:
         rclpy.shutdown(context=self.context)
-        self._thread.join(5.0)
+        self._thread.join(PATIENCE_S)
         self.node.destroy_node()
 
     def listen(self, kind: type, topic: str, qos: Any = 1000) -> list[Any]:
@@ -138,19 +56,32 @@ class Robot:
         return messages
 
     def connect(self, kind: type, topic: str, qos: Any = qos_profile_sensor_data) -> Callable[[Any], None]:
-        """Send function of a topic; waits until the node listens."""
+        """Send function of a topic; waits until somebody listens. Whether that has heard of us, `meet` tells."""
         publisher = self.node.create_publisher(kind, topic, qos)
         wait_for(lambda: publisher.get_subscription_count() > 0, f"a subscriber of {topic}")
         return publisher.publish
 
-    def wait_publisher(self, topic: str) -> None:
-        """Wait until somebody publishes a topic we listen to."""
-        wait_for(lambda: self.node.count_publishers(topic) > 0, f"a publisher of {topic}")
+    def meet(self, node: str) -> None:
+        """Wait until a node and this robot know all that either has made so far: nothing sent from now on is too early.
+
+        The middleware announces the ends of topics and services one by one, in the order they were made, and each
+        process matches them when it hears of them; what is sent before is lost, without a word. Whoever answers a
+        client that was made last has heard of all that was made before it.
+        """
+        client = self.node.create_client(GetParameters, f"{node}/get_parameters")
+        assert client.wait_for_service(PATIENCE_S), f"no node {node}"
+        answers = []  # the first may come before our client is known over there, and is lost
+        send_until(
+            lambda: answers.append(client.call_async(GetParameters.Request())),
+            lambda: any(answer.done() for answer in answers),
+            f"an answer of {node}",
+        )
 
     def call(self, kind: type, service: str, request: Any) -> Any:
-        """Call a service."""
+        """Call a service of a node."""
         client = self.node.create_client(kind, service)
         assert client.wait_for_service(PATIENCE_S), f"no service {service}"
+        self.meet(service.rpartition("/")[0])
         future = client.call_async(request)
         wait_for(future.done, f"an answer of {service}")
         return future.result()
@@ -165,7 +96,10 @@ def wait_for(true: Callable[[], Any], what: str, patience: float = PATIENCE_S) -
 
 
 def send_until(send: Callable[[], Any], true: Callable[[], Any], what: str, pause: float = 1.0) -> None:
-    """Send again and again until a condition holds: the first messages of a best-effort topic may be lost."""
+    """Send again and again until a condition holds: messages of a best-effort topic may be lost.
+
+    What must not arrive twice, as nodes answer a stamp once and complain of the second, has a pause of `LOST_S`.
+    """
     end = time.monotonic() + PATIENCE_S
     while not true():
         assert time.monotonic() < end, f"sent for {PATIENCE_S:g} s and waited for {what}"

@@ -10,7 +10,8 @@ import pytest
 from tiny_bags import START_NS, TinyBag, TinyDrive, fill
 
 from fusion.imu.levelling import ImuConfig
-from fusion.offline.bag import Bag, BagError, Message
+from fusion.offline.bag import Bag, BagError
+from fusion.offline.bag_messages import Message
 from fusion.offline.bag_writer import BagWriter
 from fusion.offline.recording import BagRecording, in_order, read_recording
 from fusion.offline.topics import TopicChoice, TopicRequest, choose_topics

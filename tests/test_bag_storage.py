@@ -15,7 +15,8 @@ import pytest
 from tiny_bags import START_NS, TinyBag, TinyDrive, fill
 
 from fusion.offline import storage
-from fusion.offline.bag import IMU, Bag, BagError
+from fusion.offline.bag import Bag, BagError
+from fusion.offline.bag_messages import IMU
 
 MESSAGES = 40
 FOREIGN = "only those of ROS 2"

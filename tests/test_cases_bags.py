@@ -18,6 +18,8 @@ from tiny_bags import START_NS
 
 from fusion.offline.cli import main
 
+pytestmark = pytest.mark.usefixtures("without_plot")
+
 NO_IMAGE, NO_GYRO, NO_ODOMETRY = ((f"--{role}-topic", "none") for role in ("image", "gyro", "odometry"))
 BOOT_NS = 2128 * 10**9  # a clock that began at power-up
 FLOOR_DEG = 0.1  # of sigma: JPEG of 256 columns, 1.4 deg each

@@ -16,8 +16,8 @@ from tiny_bags import TinyDrive
 import compass.methods.registry
 from compass import CompassConfig, ConfigError, Match, VisualCompass, VisualCompassError, register_method
 from compass.config import METHODS
-from fusion.offline import evaluate
 from fusion.offline.cli import main
+from fusion.offline.evaluation.experiments import evaluate_experiments
 from fusion.settings import Settings
 
 PER_PX = math.tau / 512
@@ -149,7 +149,7 @@ def test_views_far_back_are_compared_for_corners_only():
 def test_worker_processes_know_what_was_registered_in_this_one():
     """Two real processes, started anew: they import this file, and are told the names."""
     register_method("three", always_three)
-    outcomes = evaluate.evaluate_experiments(["shifted"], 2, Settings(), 2, False)
+    outcomes = evaluate_experiments(["shifted"], range(2), Settings(), 2, False)
     for seed in (0, 1):
         given = {one.source: one.given for one in outcomes if one.seed == seed}
         assert given["three"] > 0.9  # all but the images that repeat one

@@ -7,7 +7,7 @@ gradients) over the region that is compared (each image brings its own noise, he
 
 import math
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 
 import cv2
 import numpy as np
@@ -173,17 +173,23 @@ def driven(image, step, left, right, direction):
     return cv2.remap(image, source, row, cv2.INTER_LANCZOS4, borderMode=cv2.BORDER_WRAP)
 
 
+@lru_cache(maxsize=8)  # all photographs of one step are asked of each method
+def step_seen(name, direction, left, right, degrees, turn):
+    """Two views of a photograph, between them a step of 3 cm past walls, with a turn (columns) and a tilt."""
+    image, index = photo(name), PHOTO_NAMES.index(name)
+    on_the_left = np.sin(azimuths(image.shape[1]) - direction) > 0.0
+    second = seen_from(image, 0.03, direction, np.where(on_the_left, left, right))
+    second = shifted(tilted(second, 0.6 * math.radians(degrees), 0.8 * math.radians(degrees)), turn)
+    return as_bytes(image, NOISE, index), as_bytes(second, NOISE, 100 + index)
+
+
 @cache
 def driving(method, direction, left, right, degrees=0.0, turn=5.37):
-    """Errors in rad, and normalised squared ones, of a step of 3 cm past walls, with a turn (columns) and a tilt."""
+    """Errors in rad, and normalised squared ones, of a step of 3 cm past walls, of each photograph."""
     compass, result = VisualCompass(CompassConfig(method=method)), []
-    for index, name in enumerate(PHOTO_NAMES):
-        image = photo(name)
-        on_the_left = np.sin(azimuths(image.shape[1]) - direction) > 0.0
-        second = seen_from(image, 0.03, direction, np.where(on_the_left, left, right))
-        second = shifted(tilted(second, 0.6 * math.radians(degrees), 0.8 * math.radians(degrees)), turn)
-        increment = compare(compass, as_bytes(image, NOISE, index), as_bytes(second, NOISE, 100 + index))
-        error = increment.yaw - turn * math.tau / image.shape[1]
+    for name in PHOTO_NAMES:
+        increment = compare(compass, *step_seen(name, direction, left, right, degrees, turn))
+        error = increment.yaw - turn * math.tau / photo(name).shape[1]
         result.append((error, error**2 / increment.variance))
     return np.array(result)
 

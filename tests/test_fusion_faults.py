@@ -21,11 +21,15 @@ def drive(request):
     return robot_drive(camera_delay=request.param)
 
 
-def test_ten_minutes_with_biased_gyro_stay_within_a_degree():
-    drive = robot_drive(1, seconds=600.0, bias=0.5 * DEG, gyro_hz=50, track_hz=20)
+# Where the compass is sound and decides nothing: images that are late show the same in twice the time.
+in_time = pytest.mark.parametrize("drive", [0.0], ids=["in time"], indirect=True)
+
+
+def test_minutes_with_biased_gyro_stay_within_half_a_degree():
+    drive = robot_drive(1, seconds=150.0, bias=0.5 * DEG, gyro_hz=50, track_hz=20)
     fusion, errors = fuse(drive)
-    # the compass itself wanders by 5e-4 rad at each of 300 references: 0.5 deg
-    assert np.abs(errors).max() < 1.0 * DEG
+    # the compass itself wanders by 5e-4 rad at each of 75 references: 0.25 deg
+    assert np.abs(errors).max() < 0.5 * DEG
     estimate = fusion.estimate()
     assert abs(estimate.gyro_bias - 0.5 * DEG) < 4.0 * math.sqrt(estimate.gyro_bias_variance) < 0.001
     assert estimate.track_scale == pytest.approx(1.35, abs=0.05)
@@ -47,6 +51,7 @@ def stuck(sample):
     return replace(sample, yaw_rate=0.0, yaw=1.0)
 
 
+@in_time
 @pytest.mark.parametrize("fault", [spinning, stuck])
 def test_total_slip_of_half_a_minute_leaves_less_than_a_degree(drive, fault):
     slipping = drive.changed(fault, OdometrySample, 15.0, 45.0)
@@ -58,6 +63,7 @@ def test_total_slip_of_half_a_minute_leaves_less_than_a_degree(drive, fault):
     assert middle.estimate().slip
 
 
+@in_time
 @pytest.mark.parametrize(
     ("name", "left_empty"),
     [
@@ -261,11 +267,11 @@ def test_slow_turn_that_only_poses_tell_of_is_not_swallowed_by_standstill():
 
 def test_robot_that_stands_does_not_drift():
     rng = np.random.default_rng(4)
-    samples = [GyroSample(i * 10**7, 0.004 + 0.003 * rng.normal()) for i in range(12000)]
-    samples += [OdometrySample(i * 25 * 10**6, 0.0, 0.0, 0.0) for i in range(4800)]
-    t = np.array([0.0, 130.0])
+    samples = [GyroSample(i * 10**7, 0.004 + 0.003 * rng.normal()) for i in range(4000)]
+    samples += [OdometrySample(i * 25 * 10**6, 0.0, 0.0, 0.0) for i in range(1600)]
+    t = np.array([0.0, 50.0])
     _, errors = fuse(RobotDrive(t, 0.0 * t, sorted(samples, key=lambda s: s.t_ns)))
-    assert abs(errors[-1] - errors[100]) < 0.1 * DEG  # gyro alone: 0.004 rad/s for 110 s, 25 deg
+    assert abs(errors[-1] - errors[100]) < 0.03 * DEG  # gyro alone: 0.004 rad/s for 30 s, 7 deg
 
 
 def with_stray_stamps(stray_s, rate, seed):

@@ -85,7 +85,7 @@ def swinging(delay_s, seed, rate=0.5, seconds=20.0, stray_s=0.001):
     true_rate = rate * np.sin(2.0 * math.pi * (t - 2.0) / 5.0) * (t > 2.0)
     yaw = np.concatenate([[0.0], np.cumsum(0.5 * (true_rate[1:] + true_rate[:-1])) * 1e-3])
     samples = []
-    for k in range(0, t.size, 5):
+    for k in range(0, t.size, 10):
         samples.append(GyroSample(k * 10**6, float(true_rate[k] + 0.003 + 0.0025 * rng.normal())))
     for k in range(0, t.size, 20):
         samples.append(OdometrySample(k * 10**6, 1.3 * true_rate[k], 0.0, float(wrap_angle(1.3 * yaw[k]))))

@@ -9,6 +9,7 @@ from itertools import count
 import pytest
 from nav_msgs.msg import Odometry
 from ros_harness import (
+    LOST_S,
     START_NS,
     Robot,
     image_message,
@@ -19,10 +20,10 @@ from ros_harness import (
     scene,
     send_until,
     stamp_of,
-    started,
     wait_for,
     yaw_of,
 )
+from ros_process import started
 from sensor_msgs.msg import CompressedImage, Image, Imu
 from std_srvs.srv import Empty
 
@@ -46,13 +47,14 @@ def serve(send, messages, heard, what):
             lambda message=message: send(message),
             lambda t_ns=t_ns: heard and stamp_of(heard[-1]) >= t_ns,
             f"{what} at {t_ns}",
+            pause=LOST_S,
         )
 
 
 def first_image(image, message_at, heard):
     """Show the first view again and again until an increment comes: the first image has nothing to compare with."""
     stamps = count(START_NS - 60_000_000, 100_000)
-    send_until(lambda: image(message_at(next(stamps))), lambda: heard, "the first increment")
+    send_until(lambda: image(message_at(next(stamps))), lambda: heard, "the first increment", 0.1)
 
 
 def test_fusion_node_turn_gives_raw_and_fused_yaw(robot, tmp_path):
@@ -64,8 +66,7 @@ def test_fusion_node_turn_gives_raw_and_fused_yaw(robot, tmp_path):
         gyro = robot.connect(Imu, "/imu/data")
         tracks = robot.connect(Odometry, "/odom")
         image = robot.connect(Image, "/viz/pano/image")
-        robot.wait_publisher("/odometry/fused")
-        robot.wait_publisher("/compass_pose")
+        robot.meet("/fusion_node")
         first_image(image, lambda t: image_message(t, panorama(0.0, texture)), compass)
         for k in range(1, 21):
             t = START_NS + k * FRAME_NS
@@ -86,7 +87,7 @@ def test_compass_node_compressed_images(robot, tmp_path):
     with started("nodes.compass_node", tmp_path / "log", **parameters) as node:
         compass = robot.listen(Odometry, "/compass_pose")
         image = robot.connect(CompressedImage, "/camera/compressed")
-        robot.wait_publisher("/compass_pose")
+        robot.meet("/compass_node")
         first_image(image, lambda t: jpeg_message(t, panorama(0.0, texture)), compass)
         frames = [jpeg_message(START_NS + k * FRAME_NS, panorama(-k * TURN, texture)) for k in range(1, 6)]
         serve(image, frames, compass, "compass")
@@ -102,6 +103,6 @@ def test_compass_node_compressed_images(robot, tmp_path):
         def still():
             image(jpeg_message(START_NS + next(times) * FRAME_NS, panorama(1.0, texture)))
 
-        send_until(still, lambda: stamp_of(compass[-1]) > answers[-1], "an increment after the reset")
+        send_until(still, lambda: stamp_of(compass[-1]) > answers[-1], "an increment after the reset", 0.1)
         assert math.degrees(yaw_of(compass[-1])) == pytest.approx(0.0, abs=0.2)  # counted from where it was reset
         assert node.end(signal.SIGINT) == 0

@@ -12,7 +12,8 @@ from diagnostic_msgs.msg import DiagnosticArray
 from nav_msgs.msg import Odometry
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import SetParameters
-from ros_harness import START_NS, Robot, figures, panorama, scene, send_until, stamp_of, started, wait_for
+from ros_harness import START_NS, Robot, figures, panorama, scene, send_until, stamp_of, wait_for
+from ros_process import started
 from rosbags.rosbag1 import Writer as Ros1Writer
 from rosbags.typesys import Stores, get_typestore
 from rosgraph_msgs.msg import Clock
@@ -71,7 +72,7 @@ def write_ros1_bag(path, count=20):
 
 def test_player_plays_every_message_with_its_stamp_and_clock(robot, tmp_path):
     write_imu_bag(tmp_path / "imu.mcap")
-    heard, clock = robot.listen(Imu, "/imu/data"), robot.listen(Clock, "/clock")
+    clock, heard = robot.listen(Clock, "/clock"), robot.listen(Imu, "/imu/data")  # in this order the player hears of us
     parameters = {"bagfile": tmp_path / "imu.mcap", "rate": 4.0, "clock_rate": 1000.0, "wait_for": "/imu/data"}
     with started("nodes.bag_player", tmp_path / "log", **parameters) as player:
         assert player.wait() == 0
@@ -142,7 +143,7 @@ def test_republisher_makes_raw_of_compressed(robot, tmp_path):
     with started("nodes.republish_node", tmp_path / "log"):
         heard = robot.listen(Image, "/viz/pano/image", 1)
         send = robot.connect(CompressedImage, "/viz/pano/image/compressed")
-        robot.wait_publisher("/viz/pano/image")
+        robot.meet("/republish_node")
         message = CompressedImage(format="png", data=list(png))
         message.header.stamp.sec, message.header.frame_id = 5, "camera"
         send_until(lambda: send(message), lambda: heard, "the raw image")
@@ -244,7 +245,7 @@ def play_live(robot, path, last_ns, log):
     fused = robot.listen(Odometry, "/odometry/fused")
     diagnostics = robot.listen(DiagnosticArray, "/diagnostics")
     with started("nodes.fusion_node", log / "node", image_transport="compressed", reliable=True):
-        robot.wait_publisher("/odometry/fused")
+        robot.meet("/fusion_node")
         topics = "/viz/pano/image/compressed,/imu/data,/odom"
         parameters = {"wait_for": topics, "image_done": "/fusion_node/image_done"}
         with started("nodes.bag_player", log / "player", bagfile=path, **parameters) as player:

@@ -18,10 +18,10 @@ from ros_harness import (
     newest,
     odometry_message,
     send_until,
-    started,
     wait_for,
     yaw_of,
 )
+from ros_process import started
 from sensor_msgs.msg import Image, Imu
 
 STEP_NS = 10_000_000
@@ -51,8 +51,8 @@ def test_two_robots_in_one_graph_turn_by_themselves(robot, tmp_path):
         rates = {"a": 1.0, "b": -2.0}
         gyros = {name: robot.connect(Imu, f"/{name}/imu/data") for name in rates}
         fused = {name: robot.listen(Odometry, f"/{name}/odometry/fused") for name in rates}
-        for name in rates:
-            robot.wait_publisher(f"/{name}/odometry/fused")
+        for node in ("/a/fusion_node", "/b/heading"):
+            robot.meet(node)
         sent = iter(range(START_NS, START_NS + 10**12, STEP_NS))
 
         def turn():
@@ -63,7 +63,7 @@ def test_two_robots_in_one_graph_turn_by_themselves(robot, tmp_path):
         def turned():
             return all(heard and abs(yaw_of(heard[-1])) > 0.2 for heard in fused.values())
 
-        send_until(turn, turned, "both robots to turn", pause=0.01)
+        send_until(turn, turned, "both robots to turn", pause=0.03)
         assert all(math.copysign(1.0, yaw_of(fused[name][-1])) == math.copysign(1.0, rates[name]) for name in rates)
         assert "gyro /a/imu/data -> /a/odometry/fused\n" in one.text()
         assert "[b.heading]: gyro /b/imu/data -> /b/odometry/fused\n" in two.text()
@@ -72,7 +72,7 @@ def test_two_robots_in_one_graph_turn_by_themselves(robot, tmp_path):
             assert newest(diagnostics, f"{node}: gyro")
             assert newest(diagnostics, f"{node}: images") is None
             assert newest(diagnostics, f"{node}: tracks") is None
-        send_until(turn, lambda: said(diagnostics, "/b/heading: fusion") == "OK", "a filter with all it has", 0.01)
+        send_until(turn, lambda: said(diagnostics, "/b/heading: fusion") == "OK", "a filter with all it has", 0.03)
         topics = dict(robot.node.get_topic_names_and_types())
         assert not {"/a/viz/pano/image", "/a/odom", "/b/viz/pano/image", "/imu/data", "/a/compass_pose"} & topics.keys()
         assert one.complaints() == two.complaints() == []
@@ -117,12 +117,12 @@ def test_two_publishers_are_named_and_are_no_loss(robot, tmp_path):
             second(odometry_message(next(stamps), 0.1))
 
         text = "2 publishers send on /odom: /robot, /robot"
-        send_until(both, lambda: text in node.text(), "both publishers named", pause=0.02)
+        send_until(both, lambda: text in node.text(), "both publishers named", pause=0.1)
 
         def told():
             return text in said(diagnostics, "tracks") + figures(diagnostics, "tracks").get("also", "")
 
-        send_until(both, told, "both publishers in the diagnostics", pause=0.02)
+        send_until(both, told, "both publishers in the diagnostics", pause=0.1)
         assert figures(diagnostics, "tracks")["lost on the way"] == "0"
         assert "lost" not in node.text()
         assert "overtaken" not in node.text()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import signal
 from itertools import pairwise
 
 import numpy as np
@@ -21,12 +22,13 @@ from ros_harness import (
     scene,
     send_until,
     stamp_of,
-    started,
     wait_for,
 )
+from ros_process import started
 from sensor_msgs.msg import Image, Imu
 
 from fusion.settings import Settings
+from nodes import fusion_node
 from nodes.parameters import settings_specs, settings_values
 
 
@@ -94,19 +96,19 @@ def test_structural_parameter_is_read_only(robot, running):
 def test_live_change_acts_on_the_running_compass(robot, running):
     compass = robot.listen(Odometry, "/compass_pose")
     send = robot.connect(Image, "/viz/pano/image")
-    robot.wait_publisher("/compass_pose")
+    robot.meet("/fusion_node")
     rng = np.random.default_rng(0)
     view, times = panorama(0.0, scene()), iter(range(START_NS, START_NS + 10**11, 50_000_000))
 
     def noisy():
         send(image_message(next(times), view + rng.integers(0, 20, view.shape, np.uint8)))
 
-    send_until(noisy, lambda: compass, "an increment")
+    send_until(noisy, lambda: compass, "an increment", pause=0.1)
     assert set_double(robot, "compass.min_confidence", 1.0).successful  # with noise no correlation is perfect
-    send_until(noisy, lambda: "below min_confidence" in running.text(), "an image refused")
+    send_until(noisy, lambda: "below min_confidence" in running.text(), "an image refused", pause=0.1)
     assert set_double(robot, "compass.min_confidence", 0.3).successful
     given = len(compass)
-    send_until(noisy, lambda: len(compass) > given, "an increment again")
+    send_until(noisy, lambda: len(compass) > given, "an increment again", pause=0.1)
 
 
 def test_method_of_ones_own_turns_the_compass(robot, tmp_path, monkeypatch):
@@ -117,12 +119,13 @@ def test_method_of_ones_own_turns_the_compass(robot, tmp_path, monkeypatch):
     with started("nodes.compass_node", tmp_path / "log", compass__method="method_for_a_node:three", **topics):
         poses = robot.listen(Odometry, "/mine/pose")
         send = robot.connect(Image, "/mine/image")
-        robot.wait_publisher("/mine/pose")
+        robot.meet("/compass_node")
         view, times = panorama(0.0, scene()), iter(range(START_NS, START_NS + 10**11, 50_000_000))
         send_until(
             lambda: send(image_message(next(times), np.roll(view, next(times) % 7, axis=1))),
             lambda: len(poses) > 2,
             "three poses",
+            pause=0.1,
         )
     turns = [2.0 * math.atan2(one.pose.pose.orientation.z, one.pose.pose.orientation.w) for one in poses[:3]]
     assert np.diff(turns) == pytest.approx(3.0 * math.tau / view.shape[1], rel=1e-6)
@@ -135,15 +138,23 @@ def test_method_of_ones_own_turns_the_compass(robot, tmp_path, monkeypatch):
         ({"compass.metod": "rows"}, "did you mean"),
         ({"compass.columns": 3}, "16"),
         ({"publish_tf": True}, "tf2_ros"),
-        ({"gyro_topic": "imu-data"}, "gyro_topic: 'imu-data' is no name of a topic: topic name must not contain"),
     ],
 )
-def test_wrong_parameter_is_refused_in_one_line(parameters, says, tmp_path):
-    named = {name.replace(".", "__"): value for name, value in parameters.items()}
-    with started("nodes.fusion_node", tmp_path / "log", **named) as node:
+def test_wrong_parameter_is_refused_in_one_line(parameters, says, capfd, monkeypatch):
+    """In this process; the next test starts one."""
+    monkeypatch.setattr(signal, "signal", lambda *_: None)  # a node that ends hears no second one
+    given = [part for name, value in parameters.items() for part in ("-p", f"{name}:={str(value).lower()}")]
+    assert fusion_node.main(["--ros-args", *given]) == 1
+    text = capfd.readouterr().err
+    assert text.count("\n") == 1
+    assert says in text
+
+
+def test_name_that_no_topic_can_have_ends_the_node_with_one_line(tmp_path):
+    with started("nodes.fusion_node", tmp_path / "log", gyro_topic="imu-data") as node:
         assert node.wait() == 1
         assert node.text().count("\n") == 1
-        assert says in node.text()
+        assert "gyro_topic: 'imu-data' is no name of a topic: topic name must not contain" in node.text()
 
 
 def test_parameter_file_of_the_command_line_is_read(robot, tmp_path):
@@ -155,20 +166,12 @@ def test_parameter_file_of_the_command_line_is_read(robot, tmp_path):
     )
     with started("nodes.fusion_node", tmp_path / "log", ["--params-file", str(file)]):
         fused = robot.listen(Odometry, "/yaw")
-        gyro = robot.connect(Imu, "/imu", 10)
-        robot.wait_publisher("/yaw")
-        sent = []  # each later than the last: the node may not know yet that we listen, and repeats no answer
-
-        def send():
-            sent.append(START_NS + len(sent) * 1_000_000_000)
-            gyro(imu_message(sent[-1], 0.1))
-
-        send_until(send, lambda: fused, "the fused yaw")
-        assert stamp_of(fused[0]) in sent
-        end_ns = sent[-1] + 1_000_000_000
-        for t_ns in range(sent[-1] + 10_000_000, end_ns, 10_000_000):
+        gyro = robot.connect(Imu, "/imu", 100)
+        robot.meet("/fusion_node")
+        end_ns = START_NS + 1_000_000_000
+        for t_ns in range(START_NS, end_ns, 10_000_000):
             gyro(imu_message(t_ns, 0.1))
-        wait_for(lambda: stamp_of(fused[-1]) > end_ns - 200_000_000, "the last of the thinned outputs")
+        wait_for(lambda: fused and stamp_of(fused[-1]) > end_ns - 200_000_000, "the last of the thinned outputs")
         stamps = [stamp_of(message) for message in fused]
         assert all(after - before >= 100_000_000 for before, after in pairwise(stamps))
         subscription = robot.node.get_subscriptions_info_by_topic("/imu")[0]

@@ -11,6 +11,7 @@ import rclpy
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
 from ros_harness import (
+    LOST_S,
     START_NS,
     Robot,
     image_message,
@@ -19,10 +20,10 @@ from ros_harness import (
     scene,
     send_until,
     stamp_of,
-    started,
     wait_for,
     yaw_of,
 )
+from ros_process import started
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Image, Imu
 from std_srvs.srv import Empty
@@ -46,7 +47,10 @@ def turn(gyro, fused, start_ns, steps):
     """Feed the gyro step by step and wait for each answer; returns the yaw of the last."""
     for k in range(steps):
         t_ns = start_ns + k * STEP_NS
-        send_until(lambda t_ns=t_ns: gyro(imu_message(t_ns, RATE)), lambda t_ns=t_ns: reached(fused, t_ns), "fused yaw")
+        message = imu_message(t_ns, RATE)
+        send_until(
+            lambda message=message: gyro(message), lambda t_ns=t_ns: reached(fused, t_ns), "fused yaw", pause=LOST_S
+        )
     return yaw_of(fused[-1])
 
 
@@ -65,14 +69,7 @@ def test_reset_and_set_pose_act_on_the_fused_yaw(robot, tmp_path):
     with started("nodes.fusion_node", tmp_path / "log") as node:
         fused = robot.listen(Odometry, "/odometry/fused")
         gyro = robot.connect(Imu, "/imu/data")
-        met = [START_NS - 10**10]
-
-        def still():  # a new stamp each time: the answers before the two have met are lost, and none is given twice
-            met[0] += STEP_NS
-            gyro(imu_message(met[0], 0.0))
-
-        send_until(still, lambda: reached(fused, met[0]), "a first answer", pause=0.1)
-        robot.call(Empty, "/fusion_node/reset", Empty.Request())
+        robot.meet("/fusion_node")
         # Rate 1 rad/s from the first sample on: after n steps the yaw is n * 0.01 rad. The gyro's bias is not known
         # to better than 0.02 rad/s (config), the same for every sample: 0.02 * 0.3 s = 0.006 rad.
         assert turn(gyro, fused, START_NS, 31) == pytest.approx(0.30, abs=0.02)
@@ -82,6 +79,7 @@ def test_reset_and_set_pose_act_on_the_fused_yaw(robot, tmp_path):
         assert turn(gyro, fused, after, 11) == pytest.approx(0.10, abs=0.01)
 
         set_pose = robot.connect(PoseWithCovarianceStamped, "/set_pose", 10)
+        robot.meet("/fusion_node")
         set_pose(pose(-2.0))
         times = iter(range(after + 11 * STEP_NS, after + 10_000 * STEP_NS, STEP_NS))
         last = [0]
@@ -90,7 +88,7 @@ def test_reset_and_set_pose_act_on_the_fused_yaw(robot, tmp_path):
             last[0] = next(times)
             gyro(imu_message(last[0], RATE))
 
-        send_until(one, lambda: yaw_of(fused[-1]) < -1.0, "the yaw that was set")
+        send_until(one, lambda: yaw_of(fused[-1]) < -1.0, "the yaw that was set", pause=0.1)
         gone = (stamp_of(fused[-1]) - after - 10 * STEP_NS) * 1e-9
         assert yaw_of(fused[-1]) == pytest.approx(-2.0 + RATE * gone, abs=0.05)
 
@@ -109,8 +107,7 @@ def test_images_and_gyro_that_jump_back_start_anew(robot, tmp_path):
         compass = robot.listen(Odometry, "/compass_pose")
         gyro = robot.connect(Imu, "/imu/data")
         image = robot.connect(Image, "/viz/pano/image")
-        robot.wait_publisher("/odometry/fused")
-        robot.wait_publisher("/compass_pose")
+        robot.meet("/fusion_node")
         for start_ns in (START_NS, START_NS - 3600 * 1_000_000_000):
             times = iter(range(start_ns, start_ns + 10**11, STEP_NS))
 
@@ -132,7 +129,7 @@ def test_sim_time_that_jumps_back_starts_anew(robot, tmp_path):
         fused = robot.listen(Odometry, "/odometry/fused")
         gyro = robot.connect(Imu, "/imu/data")
         clock = robot.connect(Clock, "/clock", 10)
-        robot.wait_publisher("/odometry/fused")
+        robot.meet("/fusion_node")
         stamps = count(START_NS + 10**10, 10**6)  # each once: a sample sent again is not answered again
         send_until(lambda: gyro(imu_message(next(stamps), 0.0)), lambda: fused, "the fused yaw")
         seconds = START_NS // 10**9
@@ -159,7 +156,7 @@ def test_one_stamp_far_ahead_does_not_stop_the_fused_yaw(robot, tmp_path):
     with started("nodes.fusion_node", tmp_path / "log") as node:
         fused = robot.listen(Odometry, "/odometry/fused")
         gyro = robot.connect(Imu, "/imu/data")
-        robot.wait_publisher("/odometry/fused")
+        robot.meet("/fusion_node")
         turn(gyro, fused, START_NS, 30)
         far = imu_message(START_NS + 10**17, RATE)
         send_until(lambda: gyro(far), lambda: "far ahead" in node.text(), "the stamp refused")

@@ -8,7 +8,8 @@ import math
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from nav_msgs.msg import Odometry
-from ros_harness import START_NS, Robot, panorama, scene, send_until, stamp, stamp_of, started, wait_for, yaw_of
+from ros_harness import START_NS, Robot, panorama, scene, send_until, stamp, stamp_of, wait_for, yaw_of
+from ros_process import started
 from sensor_msgs.msg import CompressedImage
 
 from compass import CompassStatus
@@ -42,10 +43,11 @@ def test_compass_node_decodes_a_video(robot, tmp_path):
         return stamp(CompressedImage(format="h264", data=array.array("B", packets[k].data)), START_NS + k * FRAME_NS)
 
     parameters = {"image_transport": "compressed", "compass_image": "/camera"}
+    parameters["qos_overrides./camera/compressed.subscription.reliability"] = "reliable"  # only those are lost that are
     with started("nodes.compass_node", tmp_path / "log", **parameters) as node:
         compass, told = robot.listen(Odometry, "/compass_pose"), robot.listen(DiagnosticArray, "/diagnostics")
-        image = robot.connect(CompressedImage, "/camera/compressed")
-        robot.wait_publisher("/compass_pose")
+        image = robot.connect(CompressedImage, "/camera/compressed", COUNT)
+        robot.meet("/compass_node")
         send_until(lambda: image(message(3)), lambda: "waits for a key frame" in node.text(), "a word on the key frame")
         for k in range(GOP, COUNT):
             if k == LOST:

@@ -23,9 +23,9 @@ from ros_harness import (
     panorama,
     scene,
     send_until,
-    started,
     wait_for,
 )
+from ros_process import started
 from sensor_msgs.msg import Image, Imu
 
 from fusion import Sensor, Warning
@@ -165,8 +165,7 @@ def test_images_that_contradict_gyro_and_tracks_are_named_and_do_not_feed_the_fi
         diagnostics = robot.listen(DiagnosticArray, "/diagnostics")
         gyro, tracks = robot.connect(Imu, "/imu/data"), robot.connect(Odometry, "/odom")
         image = robot.connect(Image, "/viz/pano/image")
-        robot.wait_publisher("/odometry/fused")
-        robot.wait_publisher("/diagnostics")
+        robot.meet("/fusion_node")
         steps = itertools.count()
 
         def send():

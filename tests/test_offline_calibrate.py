@@ -17,6 +17,8 @@ from fusion.offline.scores import COMPASS, FUSED
 from fusion.offline.summary import key_of
 from fusion.settings import load_settings
 
+pytestmark = pytest.mark.usefixtures("without_plot")
+
 COLUMNS = 1024
 
 

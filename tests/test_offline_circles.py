@@ -17,6 +17,8 @@ from fusion.offline.circles import with_circles
 from fusion.offline.cli import main
 from fusion.settings import load_settings
 
+pytestmark = pytest.mark.usefixtures("without_plot")
+
 R = math.radians
 SIZE = 480
 

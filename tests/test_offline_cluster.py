@@ -18,7 +18,7 @@ from fusion.offline.cli import main
 
 pytest.importorskip("distributed", reason="needs the extra `cluster`")
 ROOT = Path(__file__).resolve().parents[1]
-COUNT = 6
+COUNT = 4
 
 
 @pytest.fixture(scope="module")

@@ -13,10 +13,15 @@ from tools.photo_drive import HUSKY
 from compass import CompassConfig, YawIncrement
 from compass.config import METHODS
 from fusion import GyroSample
-from fusion.offline import evaluate, evaluation, gps, scores
+from fusion.offline import gps, scores
 from fusion.offline.bag import Bag
 from fusion.offline.cli import main
-from fusion.offline.evaluation_report import Summary, full_table, short_table, summarise_outcomes, verdict_lines
+from fusion.offline.evaluation import command
+from fusion.offline.evaluation.outcome import Outcome, increment_honesty
+from fusion.offline.evaluation.summary import Summary, summarise_outcomes
+from fusion.offline.evaluation.tables import full_table, short_table
+from fusion.offline.evaluation.tracks import all_tracks
+from fusion.offline.evaluation.verdicts import verdict_lines
 from fusion.offline.recording import read_recording
 from fusion.offline.run import fuse_recording
 from fusion.offline.scores import COMPASS, FUSED, GYRO, TRACKS, Score, YawTrack
@@ -89,10 +94,10 @@ def test_honesty_of_honest_increments_is_one():
         YawIncrement(START_NS + i * SECOND, START_NS + (i + 1) * SECOND, math.remainder(4.0 + e, math.tau), v, 1.0)
         for i, (e, v) in enumerate(zip(error, variance, strict=True))
     ]
-    honest = evaluate.increment_honesty(increments, true)
+    honest = increment_honesty(increments, true)
     assert honest.ratio == pytest.approx(1.0, abs=3 * 0.032)
     assert honest.coverage == pytest.approx(0.95, abs=3 * 0.005)
-    bold = evaluate.increment_honesty([replace(one, variance=one.variance / 4) for one in increments], true)
+    bold = increment_honesty([replace(one, variance=one.variance / 4) for one in increments], true)
     assert bold.ratio == pytest.approx(4 * honest.ratio)
 
 
@@ -143,19 +148,19 @@ class LateImages:
 def test_methods_err_by_exposures_and_what_is_published_by_stamps():
     drive = LateImages()
     exposed = dict(zip((drive.exposed + drive.late).tolist(), drive.exposed.tolist(), strict=True))
-    tracks = evaluate.all_tracks(drive, Settings(compass=CompassConfig(columns=256)), exposed_ns=exposed)
+    tracks = all_tracks(drive, Settings(compass=CompassConfig(columns=256)), exposed_ns=exposed)
     found = {name: scores.score(tracks.yaws[name], drive.truth) for name in ("corners", COMPASS)}
     lag = 0.05 * drive.rate
     assert found["corners"].worst < 0.02 * lag
     assert found[COMPASS].final == pytest.approx(-lag, rel=0.02)
     claimed = [(increment.t_ref_ns, increment.t_ns) for increment in tracks.increments["corners"]]
     assert np.isin(claimed, drive.exposed).all()
-    assert COMPASS not in evaluate.all_tracks(drive, Settings()).yaws  # the same as the method's, by stamps
+    assert COMPASS not in all_tracks(drive, Settings()).yaws  # the same as the method's, by stamps
 
 
 def test_summary_over_seeds_is_the_root_mean_square_and_the_worst():
     outcomes = [
-        evaluate.Outcome("a", seed, GYRO, Score(final, rms, worst), 2.0, 1.0)
+        Outcome("a", seed, GYRO, Score(final, rms, worst), 2.0, 1.0)
         for seed, (final, rms, worst) in enumerate([(0.03, 0.01, 0.04), (-0.04, 0.02, 0.05)])
     ]
     one = summarise_outcomes(outcomes)["a"][GYRO]
@@ -214,17 +219,26 @@ def test_evaluate_unknown_worlds_names_those_there_are(capsys):
     assert "rubble" in error
 
 
+def test_evaluate_scores_the_methods_that_are_asked_for_and_the_configured_one(tiny_bag, tmp_path, capsys):
+    path = tmp_path / "a.json"
+    assert main(["evaluate", str(tiny_bag), "--methods", "rows", "--json", str(path)]) == 0
+    sources = json.loads(path.read_text())["summaries_deg"][str(tiny_bag)]
+    assert set(sources) == {"rows", "corners", GYRO, TRACKS, FUSED}
+    assert main(["evaluate", str(tiny_bag), "--methods", "rowz"]) == 1
+    assert "rowz" in capsys.readouterr().err
+
+
 def test_evaluate_drives_in_held_out_worlds_unless_told_otherwise(monkeypatch, capsys):
     def outcomes(names, seeds, settings, workers, smooth, worlds, methods):
         held_out = worlds != "tuned"
         score = Score(0.01, 0.02, 0.03) if held_out else Score(0.0, 0.0, 0.0)
         return [
-            evaluate.Outcome(name, seed, FUSED, score, 2.0, 1.0, world="rubble" if held_out else "0", held_out=held_out)
+            Outcome(name, seed, FUSED, score, 2.0, 1.0, world="rubble" if held_out else "0", held_out=held_out)
             for name in names
-            for seed in range(seeds)
+            for seed in seeds
         ]
 
-    monkeypatch.setattr(evaluation, "evaluate_experiments", outcomes)
+    monkeypatch.setattr(command, "evaluate_experiments", outcomes)
     lines = {}
     for worlds in ([], ["--worlds", "tuned"], ["--worlds", "all"]):
         assert main(["evaluate", "demo", "weave", "--seeds", "2", *worlds]) == 0

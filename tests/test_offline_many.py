@@ -73,9 +73,9 @@ def test_many_are_fused_told_skipped_and_gathered(bags, tmp_path, capsys, in_thi
 
 
 def test_process_that_is_killed_takes_one_bag_with_it(bags, tmp_path):
-    """A bag of an hour is killed once it is worked on; all others are fused."""
+    """A long bag is killed once it is worked on; all others are fused."""
     shutil.copytree(bags, tmp_path / "in")
-    make_bag(tmp_path / "in" / "a_long.mcap", seconds=600.0)
+    make_bag(tmp_path / "in" / "a_long.mcap", seconds=120.0)
     script = (
         "import os, signal, sys, threading, time, pathlib; from fusion.offline.cli import main\n"
         "import multiprocessing\n"
@@ -102,7 +102,7 @@ def with_path() -> dict[str, str]:
 
 def test_interrupted_run_keeps_what_is_finished_and_goes_on(bags, tmp_path, in_this_process):
     shutil.copytree(bags, tmp_path / "in")
-    make_bag(tmp_path / "in" / "zz_long.mcap", seconds=600.0)
+    make_bag(tmp_path / "in" / "zz_long.mcap", seconds=120.0)
     out = tmp_path / "out"
     words = ["fuse", str(tmp_path / "in" / "mon" / "drive.mcap"), str(tmp_path / "in" / "zz_long.mcap")]
     command = [sys.executable, "-m", "fusion.offline.cli", *words, "--jobs", "1", "--out", str(out)]

@@ -5,10 +5,10 @@ import math
 
 import pytest
 
-from fusion.offline import evaluation
 from fusion.offline.atomic_output import OutputError
 from fusion.offline.cli import main
-from fusion.offline.evaluate import Honesty, Outcome
+from fusion.offline.evaluation import command
+from fusion.offline.evaluation.outcome import Honesty, Outcome
 from fusion.offline.markdown import markdown_table, write_section
 from fusion.offline.scores import FUSED, GYRO, Score
 
@@ -74,16 +74,16 @@ def outcomes(names, seeds, settings, workers, smooth, worlds, methods):
             held_out,
         )
         for name in names
-        for seed in range(seeds)
+        for seed in seeds
         for source, claim in claims.items()
     ]
 
 
 def test_saved_evaluation_gives_the_same_page(monkeypatch, tmp_path, capsys):
-    monkeypatch.setattr(evaluation, "evaluate_experiments", outcomes)
+    monkeypatch.setattr(command, "evaluate_experiments", outcomes)
     paths = {name: tmp_path / name for name in ("a.json", "b.json", "a.md", "b.md")}
-    command = ["evaluate", "demo", "forward6_passage", "--worlds", "all", "--seeds", "2"]
-    assert main([*command, "--json", str(paths["a.json"]), "--markdown", str(paths["a.md"])]) == 0
+    drives = ["evaluate", "demo", "forward6_passage", "--worlds", "all", "--seeds", "2"]
+    assert main([*drives, "--json", str(paths["a.json"]), "--markdown", str(paths["a.md"])]) == 0
     printed = capsys.readouterr().out
     again = ["--json", str(paths["b.json"]), "--markdown", str(paths["b.md"])]
     assert main(["evaluate", str(paths["a.json"]), *again]) == 0
@@ -98,6 +98,52 @@ def test_saved_evaluation_gives_the_same_page(monkeypatch, tmp_path, capsys):
     final = math.sqrt((0.1**2 + 1.1**2) / 2)  # of the two seeds
     assert f"| `forward6_passage` | 6.59 | {final:.3f} | {final:.3f} | {final:.3f} |" in page
     assert "| `demo` | 50.0 | 1.25 | 90.0 | 0.50 | 100.0 |" in page
+
+
+def test_runs_of_other_seeds_are_joined_to_what_one_run_gives(monkeypatch, tmp_path, capsys):
+    monkeypatch.setattr(command, "evaluate_experiments", outcomes)
+    pages = []
+    for name, first, count in (("first", 0, 2), ("rest", 2, 1), ("all", 0, 3)):
+        seeds = ["--first-seed", str(first), "--seeds", str(count)]
+        assert main(["evaluate", "demo", "weave", *seeds, "--json", str(tmp_path / f"{name}.json")]) == 0
+    for name, files in (("joined", ("first", "rest")), ("one", ("all",))):
+        joined = ["--json", str(tmp_path / f"{name}.json"), "--markdown", str(tmp_path / name)]
+        assert main(["evaluate", *(str(tmp_path / f"{file}.json") for file in files), *joined]) == 0
+        pages.append((tmp_path / name).read_text())
+    assert pages[0] == pages[1]
+    assert "2 experiments, seeds 0 to 2, 6 drives" in pages[0]
+    saved = [json.loads((tmp_path / f"{name}.json").read_text()) for name in ("joined", "one")]
+    assert saved[0]["summaries_deg"] == saved[1]["summaries_deg"]
+
+
+@pytest.mark.parametrize(
+    ("change", "complaint"),
+    [
+        ({}, "demo of seed 0 is in"),  # the same drive twice
+        ({"seed": 1, "source": "rows"}, "rows"),  # another method: its table would be of other drives
+    ],
+)
+def test_runs_that_do_not_belong_together_are_refused(monkeypatch, tmp_path, capsys, change, complaint):
+    monkeypatch.setattr(command, "evaluate_experiments", outcomes)
+    paths = tmp_path / "a.json", tmp_path / "b.json"
+    assert main(["evaluate", "demo", "--json", str(paths[0])]) == 0
+    content = json.loads(paths[0].read_text())
+    content["outcomes_rad"][0] |= change
+    content["outcomes_rad"] = [one for one in content["outcomes_rad"] if one["seed"] == change.get("seed", 0)]
+    paths[1].write_text(json.dumps(content))
+    capsys.readouterr()
+    assert main(["evaluate", *map(str, paths), "--markdown", str(tmp_path / "page.md")]) == 1
+    assert complaint in capsys.readouterr().err
+    assert not (tmp_path / "page.md").exists()
+
+
+def test_drive_that_a_file_holds_already_is_refused_before_it_is_driven(monkeypatch, tmp_path, capsys):
+    monkeypatch.setattr(command, "evaluate_experiments", outcomes)
+    path = tmp_path / "a.json"
+    assert main(["evaluate", "demo", "--worlds", "rubble", "--json", str(path)]) == 0
+    monkeypatch.delattr(command, "evaluate_experiments")
+    assert main(["evaluate", str(path), "demo", "--worlds", "rubble"]) == 1
+    assert "--first-seed 1" in capsys.readouterr().err
 
 
 def test_file_that_is_no_evaluation_is_one_line(tmp_path, capsys):
@@ -120,7 +166,7 @@ def test_headlines_are_the_median_and_the_worst_of_held_out_drives(monkeypatch, 
             for world, held in ((("rubble", True),) if worlds != "tuned" else (("0", False),))
         ]
 
-    monkeypatch.setattr(evaluation, "evaluate_experiments", two_drives)
+    monkeypatch.setattr(command, "evaluate_experiments", two_drives)
     page = tmp_path / "page.md"
     assert main(["evaluate", "spin3_indoor", "spin5_yard", "--worlds", "all", "--headline", str(page)]) == 0
     lines = [line for line in page.read_text().splitlines() if line.startswith("| ")]

@@ -13,6 +13,8 @@ from fusion.offline.cli import main
 from fusion.offline.topics import TopicRequest, choose_topics, settings_as_asked
 from fusion.settings import TopicSettings, load_settings
 
+pytestmark = pytest.mark.usefixtures("without_plot")
+
 
 @pytest.fixture(scope="module")
 def bags(tmp_path_factory):

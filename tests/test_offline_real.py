@@ -16,10 +16,9 @@ def fuse(bag, out) -> dict:
     return json.loads((out / "summary.json").read_text())
 
 
-@pytest.mark.parametrize("photo", ["forest.jpg", "lobby.jpg"])
-def test_photographs_turning_as_the_husky_did_give_its_yaw(tmp_path, photo):
+def test_photograph_turning_as_the_husky_did_gives_its_yaw(tmp_path):
     """25 s with a turn of 90 deg, 5 images/s of noise sigma 2, JPEG and changing exposure."""
-    write_photo_bag(tmp_path / "photo.mcap", PHOTOS / photo, 135.0, 160.0, hertz=5.0)
+    write_photo_bag(tmp_path / "photo.mcap", PHOTOS / "lobby.jpg", 135.0, 160.0, hertz=5.0)
     summary = fuse(tmp_path / "photo.mcap", tmp_path / "out")
     compass, fused = summary["yaw"]["raw_compass"], summary["yaw"]["fused"]
     assert abs(summary["truth_turned_deg"]) > 80.0

@@ -12,6 +12,8 @@ from fusion.offline.cli import main
 from fusion.offline.results import COLUMNS
 from fusion.settings import Settings, dump_settings, load_settings
 
+pytestmark = pytest.mark.usefixtures("without_plot")
+
 ROOT = Path(__file__).resolve().parents[1]
 
 

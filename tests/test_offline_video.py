@@ -16,6 +16,8 @@ from fusion.offline.cli import main
 from fusion.offline.sensor_csv import nanoseconds
 from fusion.settings import load_settings
 
+pytestmark = pytest.mark.usefixtures("without_plot")
+
 DRIVE = TinyDrive()
 RATE = 10  # images a second
 TURNED = math.degrees(float(DRIVE.yaw(DRIVE.seconds)))

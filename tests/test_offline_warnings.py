@@ -17,7 +17,7 @@ from fusion.offline import run as run_module
 from fusion.offline.bag import Bag
 from fusion.offline.bands import LANES, shade_warnings
 from fusion.offline.cli import main
-from fusion.offline.evaluate import all_tracks
+from fusion.offline.evaluation.tracks import all_tracks
 from fusion.offline.run import LONGEST_PREDICTION_NS, fuse_recording
 from fusion.offline.streams import Frame, GyroTrack, OdometryTrack
 from fusion.offline.summary import MOST_LINES, warning_facts, warning_lines

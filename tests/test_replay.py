@@ -2,6 +2,7 @@
 
 import math
 import random
+import weakref
 from dataclasses import dataclass, replace
 
 import pytest
@@ -11,7 +12,7 @@ from sensor_model import drawn_drive, far_increments
 
 from compass import YawIncrement
 from fusion import FusionConfig, GyroSample, OdometrySample, YawFusion
-from fusion.buffer.replay import Arrival, Timeline
+from fusion.buffer.replay import RECENT, SPACING, Arrival, Timeline
 
 
 @dataclass(frozen=True)
@@ -49,6 +50,31 @@ def test_memory_stays_bounded():
         timeline.add(Letter(t, "x"))
     assert len(timeline) < 300
     assert len(timeline.state) == 5000
+
+
+def test_few_states_are_kept_and_few_more_steps_replayed():
+    class Spelt(str):
+        """A word that can be referred to weakly."""
+
+    alive, steps = weakref.WeakSet(), []
+
+    def step(state, letter):
+        steps.append(letter.t_ns)
+        word = Spelt(state + letter.name + str(letter.t_ns))  # no two are equal, of which a set would count one
+        alive.add(word)
+        return word
+
+    timeline = Timeline(Spelt(), step, 2000)
+    for t in range(0, 2000, 2):
+        timeline.add(Letter(t, "x"))
+    assert len(alive) <= RECENT + 1000 / SPACING + 1
+    for late in (1, RECENT - 1, RECENT + 3, 500, 900):
+        steps.clear()
+        timeline.add(Letter(2000 - 2 * late + 1, "y"))
+        most = late if late < RECENT else late + SPACING
+        assert late <= len(steps) <= most + len(timeline) - 1000, late
+    assert timeline.state == "".join(f"{event.name}{event.t_ns}" for event in timeline.after(-1))
+    assert len(alive) <= RECENT + len(timeline) / SPACING + 2
 
 
 @settings(max_examples=40, deadline=None)

@@ -7,6 +7,7 @@ import pytest
 
 from fusion.simulation import EXPERIMENTS, CameraPose, PanoramaCamera
 from fusion.simulation.materials import canvas
+from fusion.simulation.raster import Raster
 from fusion.simulation.surfaces import Ground, Skin, Sky
 from fusion.simulation.world import Solid, World, far_to_near
 
@@ -157,6 +158,32 @@ def test_tilt_moves_every_direction_as_the_rotation_does():
     y, z = y * np.cos(roll) + z * np.sin(roll), z * np.cos(roll) - y * np.sin(roll)  # ... then Rx(roll)
     assert column == pytest.approx((np.pi - np.arctan2(y, x)) / (2 * np.pi) * 512, abs=0.05)
     assert row == pytest.approx((np.pi / 2 - np.arcsin(z)) / np.pi * 256, abs=0.05)
+
+
+def test_ground_repeats_and_is_interpolated_across_its_seam():
+    image = np.random.default_rng(3).uniform(0.0, 255.0, (16, 16)).astype(np.float32)
+    ground = Ground(image, 4.0)  # texels of 0.25 m
+    distance, level = np.array([0.0, 1.1, 3.9, 4.0, 407.3]), np.zeros(5)
+    grey = ground.sample((0.125, 0.375), np.array([1.0]), np.array([0.0]), distance, level)[0]
+    texel = distance / 0.25
+    before = np.floor(texel).astype(int)
+    row = image[1]  # y = 0.375 m is the centre of the second row of texels
+    expected = row[before % 16] + (texel - before) * (row[(before + 1) % 16] - row[before % 16])
+    # a place 407 m away is a float32 number of turns round the texture: 6e-6 of them are 0.024 grey
+    assert grey == pytest.approx(expected, abs=0.05)
+
+
+def test_low_pass_is_six_binomial_taps_both_ways():
+    raster = Raster(64, 32, (0.25, 0.75))
+    painted = np.random.default_rng(5).uniform(0.0, 255.0, (raster.columns, raster.elevation.size)).astype(np.float32)
+    taps = np.array([1.0, 5.0, 10.0, 10.0, 5.0, 1.0]) / 32.0
+    columns = np.concatenate([painted[-2:], painted, painted[:3]])
+    narrow = np.array([taps @ columns[i : i + 6] for i in range(0, raster.columns, 2)]).T
+    image = raster.finish(painted)
+    # 4 coarse rows above 32 fine ones: the first row of the panorama that fine ones make is its eighth
+    fine = narrow[4:36]
+    for row in range(1, 14):
+        assert image[8 + row] == pytest.approx(taps @ fine[2 * row - 2 : 2 * row + 4], abs=1e-3)
 
 
 def test_symmetric_corridor_looks_the_same_after_half_a_turn_and_one_period_on():

@@ -260,6 +260,21 @@ def test_frames_are_rendered_once_for_the_seeds_of_a_world(tmp_path):
     assert len(list(tmp_path.iterdir())) == 2
 
 
+def test_frames_that_are_not_kept_are_the_same_and_leave_no_file(tmp_path):
+    kept, anew = (
+        simulate("shifted", 2, worlds="rubble", cache=tmp_path / str(k), camera=SMALL, keep=k) for k in (1, 0)
+    )
+    assert few_frames(kept) == few_frames(anew)
+    assert (tmp_path / "1").exists()
+    assert not (tmp_path / "0").exists()
+
+
+def test_scenes_of_one_held_out_place_do_not_throw_each_other_out(tmp_path):
+    for seed in (0, 1):
+        simulate("shifted", seed, worlds="rubble", cache=tmp_path, camera=SMALL).prepare()
+    assert len(list(tmp_path.iterdir())) == 2
+
+
 def test_another_camera_is_another_cache_file(tmp_path):
     for camera in (SMALL, PanoramaCamera(64, 32)):
         assert simulate("shifted", cache=tmp_path, camera=camera).frame(0).shape == (camera.height, camera.width)

@@ -63,7 +63,7 @@ class Motion:
         return ascend(problem, start, NEXT_PX * problem.per_column)
 
     def _noise_rose(self, fit: Fit) -> bool:
-        """Whether corners err by more than a while ago, beyond what so many of them tell: they may obey another motion.
+        """Whether corners err by more than a while ago, beyond what so many of them tell: another motion may fit.
 
         The logarithm of the ratio of two variances estimated from n corners each has the variance 4 / n.
         """

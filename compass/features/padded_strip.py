@@ -13,6 +13,7 @@ from compass.images.strip import Pixels, Strip
 Grey = npt.NDArray[np.uint8]
 
 HALF = 5  # pixels from the middle of a corner's patch to its edge
+MIN_CONTRAST = 1e-3  # grey values of 255; keeps finite what has no gradient, and at its start
 MARGIN = 64  # columns of the other end on either side: a patch and the longest way of one fit
 CONTRAST, MIDDLE = 45.0, 115.0  # of every picture, so that few pixels of a scene leave 0..255
 # across neighbours, a deviation of 0.6 pixels: interpolation between sharp pixels pulls tracks to whole columns

@@ -9,7 +9,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from compass.features.padded_strip import patch_grid
+from compass.features.padded_strip import MIN_CONTRAST, patch_grid
 from compass.features.tracking import LONGEST_CORRECTION_PX
 from compass.flow.correlation import Floats
 from compass.images.strip import Pixels
@@ -22,7 +22,6 @@ ROUNDS = 8  # of Gauss-Newton; not derived
 # By which a patch is stretched in one: with neither this nor `LONGEST_CORRECTION_PX` long baselines of five held-out
 # drives err by 0.0286 instead of 0.0281 deg, error^2/variance 2.10 instead of 1.95.
 STRONGEST = 0.2
-MIN_CONTRAST = 1e-3  # grey values of 255; keeps what is unobservable at its start
 
 
 def align(before: Pixels, after: Pixels, at: Floats, start: Floats) -> tuple[Floats, Floats, Floats]:

@@ -11,14 +11,13 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from compass.features.padded_strip import HALF, MARGIN, Picture, patch_grid
+from compass.features.padded_strip import HALF, MARGIN, MIN_CONTRAST, Picture, patch_grid
 from compass.images.strip import Pixels
 
 Floats = npt.NDArray[np.floating]
 
 SECTORS, PER_SECTOR = 32, 6  # corners are spread over the circle: the strongest of each sector; not derived
 WEAKEST = 3e-3  # smaller eigenvalue of a corner, of that of the strongest; not derived
-MIN_INFORMATION = 1e-2  # grey values^2 per pixel^2: keeps what has no gradient finite
 SIDE = 2 * HALF + 1
 ACROSS, DOWN, WINDOW = patch_grid(HALF)
 # Weights of six neighbours in a row at a part p of the way from the third to the fourth, by 1, p, p^2 and p^3.
@@ -102,7 +101,7 @@ def cut_patches(picture: Picture, at: Pixels) -> Patches:
     like = (slopes @ (values * WINDOW)[..., None])[..., 0] / (contrast**2)[:, None]
     slopes -= like[..., None] * values[:, None]
     weighed = slopes * WINDOW
-    information = weighed @ slopes.transpose(0, 2, 1) + np.float32(MIN_INFORMATION) * np.eye(2, dtype=np.float32)
+    information = weighed @ slopes.transpose(0, 2, 1) + np.float32(MIN_CONTRAST) * np.eye(2, dtype=np.float32)
     inverse = np.asarray(np.linalg.inv(information), np.float32)
     answer = inverse @ weighed
     centre = (answer @ growing[..., None])[..., 0]

@@ -24,11 +24,10 @@ FREEDOM = 3.0  # degrees of freedom of the t: 2 to 5 differ by a tenth in the ya
 MEANS_PX = np.array([0.3, 2.0, 12.0])  # of the parallaxes, columns: from what noise hides to a keyframe's end
 AT_INFINITY, OUTLIER = 0, MEANS_PX.size + 1  # components of the mixture: no parallax, and none of all
 SPREAD_PX = 20.0  # to either side, over which outliers lie evenly; not derived
-LEAST_PX = 1e-6  # standard deviation of a corner where two images are the same to the last bit: no division by zero
+TINY = 1e-6  # columns, rad^-2; of what has no error or no precision, for there is no division by zero
 # rad, of each of the state in one round; not derived. Held-out drives are as good without, but then an IMU that errs
 # by 10 deg turns the yaw by 0.08 deg.
 LONGEST_STEP = np.array([0.05, 0.03, 0.03, 0.6, 0.1])
-MIN_PRECISION = 1e-3  # rad^-2, keeps the precision of what is unobservable from being singular
 MIN_SINE = 0.02  # of the angle from the travel below which a corner's epipolar line is not known; not derived
 
 
@@ -169,7 +168,7 @@ def ascend(problem: Problem, start: Start, extra: Floats, pushed: bool = True) -
     """
     states, shares, noise = start.states, start.shares, start.noise
     uniform = 2.0 * math.pi / (2.0 * SPREAD_PX * problem.per_column) ** 2
-    least_precision = np.diag(problem.prior_precision + MIN_PRECISION)
+    least_precision = np.diag(problem.prior_precision + TINY)
     parts = np.empty((shares.shape[1], len(states), problem.moved.size))  # of the mixture: how likely, of each corner
     bends = np.empty((2, len(parts) - 1, *parts.shape[1:]))  # slope of the logarithm of all but the outliers', and bend
     slope, bend = bends
@@ -252,7 +251,7 @@ class _Lines:
         """(k, n) variances along and across."""
         mean, excess = problem.covariance
         excess = (excess * self._back * self._back).real
-        least = (LEAST_PX * problem.per_column) ** 2
+        least = (TINY * problem.per_column) ** 2
         return noise[:, None] * (mean.real + excess) + least, noise[:, None] * (mean.real - excess) + least
 
     def jacobian(self, problem: Problem, pushed: bool) -> Floats:

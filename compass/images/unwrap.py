@@ -128,12 +128,12 @@ def _nothing(projection: Projection, azimuth: Floats, size: tuple[int, int], reg
     asked = " .. ".join(f"{math.degrees(projection.elevation(part, *size)):.0f}" for part in region)
     elevation = np.radians(np.linspace(90.0, -90.0, 361))
     seen = np.flatnonzero(projection.locate(azimuth[None, ::4], elevation[:, None], *size)[2].any(axis=1))
-    told = "nothing at all: see to the circle's centre and radius"
+    shows = "nothing at all: see to the circle's centre and radius"
     if seen.size:
-        told = " .. ".join(f"{math.degrees(elevation[row]):.0f}" for row in (seen[0], seen[-1])) + " deg of elevation"
+        shows = " .. ".join(f"{math.degrees(elevation[row]):.0f}" for row in (seen[0], seen[-1])) + " deg of elevation"
     return (
         f"roi_top, roi_bottom: {region[0]:g} .. {region[1]:g} are {asked} deg of elevation, but images of {size[1]} x "
-        f"{size[0]} pixels show {told} (compass.projection, docs/cameras.md)"
+        f"{size[0]} pixels show {shows} (compass.projection, docs/cameras.md)"
     )
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from enum import Enum, IntEnum
 
 from compass import YawIncrement
+from fusion.record import record
 from fusion.samples import GyroSample, OdometrySample
 
 Sample = GyroSample | OdometrySample | YawIncrement
@@ -34,7 +35,7 @@ class Rank(IntEnum):
     HEADING = 4
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class GyroEvent:
     """A gyro sample in the timeline."""
 
@@ -43,7 +44,7 @@ class GyroEvent:
     order: tuple[int | float, ...]
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class TracksEvent:
     """An odometry sample in the timeline."""
 
@@ -52,7 +53,7 @@ class TracksEvent:
     order: tuple[int | float, ...]
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class CompassEvent:
     """A yaw increment in the timeline."""
 

@@ -1,7 +1,7 @@
 """Replay buffer: events in the order of their stamps, whatever the order of their arrival.
 
-It keeps the events of the last `window` and the state after each. An event that comes late is put in its
-place, and what followed is replayed from the state before it: exact for any delay within the window, unlike one-step
+It keeps the events of the last `window`, and states between them. An event that comes late is put in its place, and
+what followed is replayed from the last state kept before it: exact for any delay within the window, unlike one-step
 formulas for out-of-sequence measurements (Bar-Shalom 2002, doi:10.1109/TAES.2002.1039398).
 """
 
@@ -24,6 +24,10 @@ class Event(Protocol):
     def order(self) -> tuple[int | float, ...]:
         """Sorts events, first by stamp; equal only for duplicates."""
 
+
+# Not derived: `RECENT`, `SPACING`. States are what fills a processor's cache.
+RECENT = 32  # of the newest events the state after each is kept: 0.1 s of a robot's sensors, by which images come late
+SPACING = 8  # of those before, the state after every eighth
 
 E = TypeVar("E", bound=Event)
 S = TypeVar("S")
@@ -57,13 +61,14 @@ class Timeline(Generic[E, S]):
         self._window_ns = window_ns
         self._orders: list[tuple[int | float, ...]] = []
         self._events: list[E] = []
-        self._states: list[S] = []
+        self._states: list[S | None] = []  # after each event, where it is kept
         self._newest_ns: int | None = None
 
     @property
     def state(self) -> S:
         """State after the newest event."""
-        return self._states[-1] if self._states else self._base
+        newest = self._states[-1] if self._states else None
+        return self._base if newest is None else newest
 
     @property
     def newest_ns(self) -> int | None:
@@ -113,15 +118,22 @@ class Timeline(Generic[E, S]):
 
     def _replay(self, place: int) -> None:
         """Step anew through the events from a place on."""
-        del self._states[place:]
+        states = self._states
+        while place and states[place - 1] is None:
+            place -= 1
+        del states[place:]
         state = self.state
         for event in self._events[place:]:
             state = self._step(state, event)
-            self._states.append(state)
+            states.append(state)
+            if len(states) > RECENT and (len(states) - RECENT) % SPACING:
+                states[-RECENT - 1] = None
 
     def _forget(self) -> None:
         """Drop events that have left the window; the state after them is what a replay starts from."""
         count = bisect_left(self._orders, (self._events[-1].t_ns - self._window_ns,))
-        if count > 64:  # in batches, as deleting from the front of a list moves the rest
-            self._base = self._states[count - 1]
+        count -= count % SPACING
+        base = self._states[count - 1] if count > 64 else None  # in batches: deleting from the front moves the rest
+        if base is not None:
+            self._base = base
             del self._orders[:count], self._events[:count], self._states[:count]

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from enum import Enum
 
 from scipy.special import chdtri
 
 from fusion.config import FusionConfig
+from fusion.record import record
 
 
 class Verdict(Enum):
@@ -18,7 +18,7 @@ class Verdict(Enum):
     RECOVERED = "outside the gate for so long that the filter gives way"
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class SensorReport:
     """How the last sample of one sensor fared.
 
@@ -56,7 +56,7 @@ def gate_limit(config: FusionConfig) -> float:
     return float(chdtri(1, 1.0 - config.gate_probability))
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Gate:
     """State of one sensor's gate.
 

@@ -25,29 +25,25 @@ class ScaleConflict:
         Since when they differ by more than `SIGMAS`; None: they do not.
     scale : float
         Excess of the gyro's scale factor over the compass's, as learnt.
-    doubt : float
-        Part of the turn since `yaw` that is doubted, standard deviation.
+    sigma : float
+        Standard deviation of the yaw as a part of the turn since `yaw`; 0 where they do not differ.
     """
 
     yaw: float
     since_ns: int | None = None
     scale: float = 0.0
-    doubt: float = 0.0
+    sigma: float = 0.0
 
-    def after(self, t_ns: int, scale: float, variance: float, sigma: float) -> ScaleConflict:
-        """With a scale that was learnt at `t_ns`, of a `variance`, for a prior of standard deviation `sigma`.
-
-        Up to `SIGMAS` it is taken for the gyro's and not doubted.
-        """
-        if abs(scale) <= SIGMAS * sigma:
+    def after(self, t_ns: int, scale: float, variance: float, prior_sigma: float) -> ScaleConflict:
+        """With a scale that was learnt at `t_ns`, of a `variance`; up to `SIGMAS` of the prior it is the gyro's own."""
+        if abs(scale) <= SIGMAS * prior_sigma:
             return self if self.since_ns is None else ScaleConflict(self.yaw)
         since_ns = t_ns if self.since_ns is None else self.since_ns
-        doubt = math.sqrt(scale**2 + variance)
-        return replace(self, since_ns=since_ns, scale=scale, doubt=doubt)
+        return replace(self, since_ns=since_ns, scale=scale, sigma=math.sqrt(scale**2 + variance))
 
     def variance(self, yaw: float) -> float:
         """Variance, rad^2, of the turn up to a yaw, rad."""
-        return (self.doubt * (yaw - self.yaw)) ** 2
+        return (self.sigma * (yaw - self.yaw)) ** 2
 
     def warnings(self) -> tuple[Warning, ...]:
         """Both claims in words, if they differ."""

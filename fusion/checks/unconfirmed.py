@@ -23,6 +23,7 @@ from fusion.checks.alternative import ALTERNATIVE_PROBABILITY
 from fusion.checks.contradiction import CONTRADICTION_SIGMAS
 from fusion.checks.silence import PERIODS, RATE_SILENT_NS, SILENT_NS
 from fusion.checks.windows import Window
+from fusion.record import record
 from fusion.samples import OdometrySample
 
 ALIKE = 0.2  # of a turn; by less two that measure it need not differ to agree; not derived
@@ -35,7 +36,7 @@ SLIP = 1.0  # standard deviations; by less slip what images, without a gyro, mea
 REVERSED = (2.0 / 3.0) ** 2
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Belief:
     """What the filter believes.
 

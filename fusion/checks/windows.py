@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 from compass import YawIncrement
 from fusion.buffer.events import Sensor
 from fusion.checks.silence import SILENT_NS
+from fusion.record import record
 from fusion.samples import GyroSample, OdometrySample
 from fusion.state.ekf import State, YawEkf
 from fusion.state.gyro_noise import SAME
@@ -27,7 +28,7 @@ BEYOND = 4  # one sample in so many of a window beyond that is no spike
 SAME_NUMBER = 10  # samples in a row that are one number: no gyro that works does that
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class RateTurn:
     """Integral (rad) of a turn rate since `start_ns`, as the sensor gives it.
 
@@ -134,7 +135,7 @@ class Start:
         return Start(float(ekf.x[State.YAW]), float(ekf.x[State.RATE]), *values, standing=standing)
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Turns:
     """The present window as far as it has come.
 

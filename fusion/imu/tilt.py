@@ -11,7 +11,7 @@ from collections import deque
 from dataclasses import dataclass
 
 from compass.config import CompassConfig
-from compass.tilt import Tilted, Vector, about_z
+from compass.tilt import STEEPEST_COSINE, Tilted, Vector, about_z
 from fusion.samples import GyroSample
 
 TILT_ERROR = CompassConfig.tilt_sigma  # rad, of roll and pitch as IMUs measure them; the parameter's default
@@ -19,7 +19,7 @@ LOG_LENGTH = 2000  # samples that are remembered, of a fast gyro those of two se
 NEAR_NS = 100_000_000  # for so long about a sample the robot's tilt is taken for that of the sample
 SETTLED_NS = 10_000_000  # before an image: what is younger may or may not have come, and must not decide
 NOTICED = 0.005  # of a bias; a hundredth of what a gyro has is nothing
-STEEPEST_SQUARED = 0.1  # squared cosine of the nose's pitch, cosine of a robot on its side; beyond, a heading is none
+STEEPEST_SQUARED = STEEPEST_COSINE**2  # and the cosine of a robot on its side; beyond, a heading is none
 
 
 def heading_change(up: Vector, turn: float, tilt: tuple[float, float] = (0.0, 0.0)) -> float:

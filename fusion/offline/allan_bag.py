@@ -54,8 +54,8 @@ def _measured(path: Path, topic: str | None) -> tuple[KalibrImu, str]:
         if chosen is None:
             raise AllanError("holds no sensor_msgs/Imu")
         t_ns, readings = _read(bag, chosen.name, chosen.count)
-    told = np.isfinite(readings[:, :3]).all(axis=1)
-    t_ns, readings = t_ns[told], readings[told]
+    finite = np.isfinite(readings[:, :3]).all(axis=1)
+    t_ns, readings = t_ns[finite], readings[finite]
     order = np.argsort(t_ns, kind="stable")
     t_ns, readings = t_ns[order], readings[order]
     part, rate_hz = longest_stretch(t_ns)

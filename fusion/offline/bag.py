@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import logging
-import struct
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack
-from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Literal
@@ -16,6 +14,8 @@ from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from fusion.offline.atomic_output import scratch_folder
+from fusion.offline.bag_errors import OURS, explain
+from fusion.offline.bag_messages import VIDEOS, Message, Topic, stamp_of
 from fusion.offline.metadata import contradictions
 from fusion.offline.storage import (
     MCAP,
@@ -27,81 +27,13 @@ from fusion.offline.storage import (
     check_mcap,
     check_sqlite,
     find_files,
-    kind_of,
     unpacked,
 )
 from fusion.offline.to_ros2 import Ros2Converter
 
-__all__ = [
-    "COMPRESSED_IMAGE",
-    "IMAGE",
-    "IMAGES",
-    "IMU",
-    "ODOMETRY",
-    "VIDEOS",
-    "Bag",
-    "BagError",
-    "Message",
-    "Topic",
-    "stamp_of",
-]
+__all__ = ["Bag", "BagError"]
 
 log = logging.getLogger(__name__)
-
-IMU = "sensor_msgs/msg/Imu"
-IMAGE = "sensor_msgs/msg/Image"
-COMPRESSED_IMAGE = "sensor_msgs/msg/CompressedImage"
-ODOMETRY = "nav_msgs/msg/Odometry"
-# packets of videos, and their fields: bags of sqlite3 do not bring them along
-VIDEOS = {
-    "foxglove_msgs/msg/CompressedVideo": "builtin_interfaces/Time timestamp\nstring frame_id\n"
-    "uint8[] data\nstring format",
-    "ffmpeg_image_transport_msgs/msg/FFMPEGPacket": "std_msgs/Header header\nint32 width\nint32 height\n"
-    "string encoding\nuint64 pts\nuint8 flags\nbool is_bigendian\nuint8[] data",
-}
-IMAGES = (IMAGE, COMPRESSED_IMAGE, *VIDEOS)
-
-_CUT = ("truncated", "end magic", "index", "could not read", "expected", "malformed", "footer", "seek")
-# how other systems call their encodings where the library knows none but those of ROS 2
-_FOREIGN = ("ros1msg", "protobuf", "jsonschema", "flatbuffer", "json", "ros1", "cbor", "msgpack")
-_OURS = "only those of ROS 2 (cdr, ros2msg or ros2idl) are read"
-
-
-@dataclass(frozen=True, slots=True)
-class Topic:
-    """What a bag's index says of a topic."""
-
-    name: str
-    msgtype: str
-    count: int
-
-    @property
-    def short_type(self) -> str:
-        """The type as people write it, ``sensor_msgs/Imu``."""
-        return self.msgtype.replace("/msg/", "/")
-
-
-@dataclass(frozen=True, slots=True)
-class Message:
-    """One recorded message, not deserialised yet.
-
-    Attributes
-    ----------
-    topic, msgtype : str
-        Where it was recorded and what it is.
-    record_ns : int
-        When the recorder wrote it, ns; never used as a time of measurement.
-    stamp_ns : int
-        ``header.stamp``, ns.
-    raw : bytes
-        As serialised in the bag.
-    """
-
-    topic: str
-    msgtype: str
-    record_ns: int
-    stamp_ns: int
-    raw: bytes
 
 
 class Bag(AbstractContextManager["Bag"]):
@@ -187,7 +119,7 @@ class Bag(AbstractContextManager["Bag"]):
             counts = Counter(connection.topic for connection, _, _ in self._reader.messages())
         foreign = {c.topic: c.ext.serialization_format for c in self._reader.connections if not _is_cdr(c)}
         if foreign and len(foreign) == len(found):
-            raise BagError(f"its messages are encoded as {next(iter(foreign.values()))!r}; {_OURS}")
+            raise BagError(f"its messages are encoded as {next(iter(foreign.values()))!r}; {OURS}")
         for topic, encoding in foreign.items():
             self._note(f"{topic} is encoded as {encoding!r}, which is not read")
         return [
@@ -283,46 +215,9 @@ class Bag(AbstractContextManager["Bag"]):
             text = str(error)
             raise BagError(text if text.startswith(str(self.path)) else f"{self.path}: {text}") from None
         except Exception as error:
-            raise BagError(f"{self.path}: {self._explain(error)}") from error
-
-    def _explain(self, error: Exception) -> str:
-        """Say whether the file ends too early, or is of another system, and what helps."""
-        detail = " ".join(str(error).split()).rstrip(".") or type(error).__name__
-        for readable, name in self._names.items():
-            detail = detail.replace(readable, name)
-        if isinstance(error, OSError) and error.strerror:
-            return f"cannot be read: {error.strerror}"
-        if isinstance(error, KeyError) and detail.strip("'") in _FOREIGN:
-            return f"its messages are encoded as {detail}; {_OURS}"
-        if "missing tables" in detail:
-            return "an SQLite database, but no bag: it has no tables 'messages' and 'topics'"
-        if self.path.name.endswith(".active"):
-            return f"the recorder did not finish it ({detail}); {_remedy(self.path)}"
-        cut = any(word in detail.lower() for word in _CUT)
-        return f"bag is {'truncated or ' if cut else ''}damaged ({detail}); {_remedy(self.path)}"
+            raise BagError(f"{self.path}: {explain(error, self.path, self._names)}") from error
 
 
 def _is_cdr(connection: Any) -> bool:
     """Whether the messages are serialised as this system does it; in ROS 1 they all are."""
     return getattr(connection.ext, "serialization_format", "cdr") == "cdr"
-
-
-def stamp_of(raw: bytes, is_ros2: bool) -> int:
-    """``header.stamp`` from the first bytes of a message, ns.
-
-    CDR has four bytes of encapsulation before the header, ROS 1 the four bytes of ``seq``: the stamp stands at the
-    same place in both.
-    """
-    order = ">" if is_ros2 and not raw[1] & 1 else "<"
-    sec, nanosec = struct.unpack_from(f"{order}iI" if is_ros2 else "<II", raw, 4)
-    return int(sec) * 1_000_000_000 + int(nanosec)
-
-
-def _remedy(path: Path) -> str:
-    """The tool that saves what can be saved of a bag."""
-    kind = "" if path.is_dir() else kind_of(path)
-    if kind == ROS1:
-        return f"'rosbag reindex {path.name}' may save it"
-    if kind == MCAP:
-        return f"'mcap recover {path.name} -o saved.mcap' may save it"
-    return f"'ros2 bag reindex {path.name}' may save it"

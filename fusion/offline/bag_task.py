@@ -1,4 +1,4 @@
-"""One recording of many: fused unless it is already, whatever happens told in the outcome. Runs in any process."""
+"""One recording of many: fused unless it is already, whatever happens is in the outcome. Runs in any process."""
 
 from __future__ import annotations
 

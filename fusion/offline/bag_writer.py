@@ -15,7 +15,8 @@ from rosbags.typesys import Stores, get_typestore
 
 from compass.images.decode import Image
 from fusion.offline.atomic_output import staged_file
-from fusion.offline.bag import COMPRESSED_IMAGE, IMAGE, IMU, ODOMETRY, BagError
+from fusion.offline.bag import BagError
+from fusion.offline.bag_messages import COMPRESSED_IMAGE, IMAGE, IMU, ODOMETRY
 
 DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
 UNMEASURED = 1e6  # variance of an axis nobody measured: large, yet finite, so that a filter can invert it

@@ -16,7 +16,7 @@ log = logging.getLogger(__name__)
 
 
 class BatchProgress(Protocol):
-    """What is told of a run."""
+    """What is shown of a run."""
 
     def part(self, task: BagTask, part: float) -> None:
         """A recording is finished by this part, 0..1."""
@@ -42,7 +42,7 @@ def batch_progress(total: int) -> Iterator[BatchProgress]:
 
 
 def _told(outcome: BagOutcome) -> list[str]:
-    """What is told of a recording at once: that it failed, or, for whoever wants it, how it ended."""
+    """What is shown of a recording at once: that it failed, or, for whoever wants it, how it ended."""
     if outcome.status == FAILED:
         trace = outcome.trace.splitlines() if log.isEnabledFor(logging.INFO) else []
         return [f"failed: {outcome.error}", *trace]

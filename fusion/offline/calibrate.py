@@ -70,7 +70,7 @@ def calibrate_bag(
     with open_recording(path, settings, request, sensors) as read:
         with progress_bar("reading samples") as progress:
             recording = read(progress)
-        left_out = any(one.sensor == Sensor.COMPASS.value for one in recording.warnings)  # is told below
+        left_out = any(one.sensor == Sensor.COMPASS.value for one in recording.warnings)  # is said below
         if recording.topics["image"] is None and not left_out:
             raise BagError(f"{path}: no panoramas in it; name their topic with --image-topic")
         camera, lenses = with_circles(looked_at(recording.frames(), settings.compass), settings.compass)

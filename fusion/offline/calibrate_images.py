@@ -40,8 +40,8 @@ def camera_findings(lenses: dict[str, tuple[float | None, str]], config: Compass
         for spec in CompassConfig.specs()
         if spec.name in CAMERA and spec.name not in lenses and getattr(config, spec.name) != spec.default
     }
-    told = [Finding(f"compass.{name}", value, "as given") for name, value in given.items()]
-    return told + [Finding(f"compass.{name}", value, evidence) for name, (value, evidence) in lenses.items()]
+    kept = [Finding(f"compass.{name}", value, "as given") for name, value in given.items()]
+    return kept + [Finding(f"compass.{name}", value, evidence) for name, (value, evidence) in lenses.items()]
 
 
 def region_findings(evidence: Evidence, static: Mask, shown: YawTrack, config: CompassConfig) -> list[Finding]:
@@ -60,14 +60,14 @@ def region_findings(evidence: Evidence, static: Mask, shown: YawTrack, config: C
     best = min(errors, key=errors.__getitem__)
     if errors[best] > WRONG_TURN:
         off = f"are off by {errors[best] / DEG:.0f} deg" if math.isfinite(errors[best]) else "cannot be measured"
-        told = f"single turns of {TURN_STEP / DEG:.0f} deg between panoramas {off}"
-        raise BagError(f"{told}; do they show the full circle, turned about the vertical? Nothing was calibrated")
+        basis = f"single turns of {TURN_STEP / DEG:.0f} deg between panoramas {off}"
+        raise BagError(f"{basis}; do they show the full circle, turned about the vertical? Nothing was calibrated")
     first = (now.roi_top, now.roi_bottom)
     if errors[best] > 0.8 * errors[first]:
         best = first  # no clear gain: stay
     typical = f"{math.degrees(errors[best]):.3f} deg in the median"
-    told = f"turns of {math.degrees(TURN_STEP):.0f} deg measured to {typical}; {where}"
-    return [Finding("compass.roi_top", best[0], told), Finding("compass.roi_bottom", round(best[1], 3), told)]
+    basis = f"turns of {math.degrees(TURN_STEP):.0f} deg measured to {typical}; {where}"
+    return [Finding("compass.roi_top", best[0], basis), Finding("compass.roi_bottom", round(best[1], 3), basis)]
 
 
 def mask_finding(static: Mask, region: Sequence[Finding], out: Path, frame: Frame, config: CompassConfig) -> Finding:
@@ -82,8 +82,8 @@ def mask_finding(static: Mask, region: Sequence[Finding], out: Path, frame: Fram
         share = 1.0 - masked / max(first, 1e-6)
     if share == 0.0:
         return Finding("compass.mask", None, "nothing in the region of interest stays while the robot turns")
-    told = f"{100.0 * share:.1f} % of the region of interest stay while the robot turns, and are ignored"
-    return Finding("compass.mask", mask_name(out), told)
+    basis = f"{100.0 * share:.1f} % of the region of interest stay while the robot turns, and are ignored"
+    return Finding("compass.mask", mask_name(out), basis)
 
 
 def mask_name(out: Path) -> str:
@@ -117,8 +117,8 @@ def forward_finding(evidence: Evidence, config: CompassConfig) -> Finding:
     found = forward_column(list(_sector_shifts(evidence.straight, config)), config.columns)
     if found is None:
         return Finding(name, None, "the surroundings are too far away to move")
-    told = f"from {len(evidence.straight)} straight stretches, good to {360 * found.sigma:.1f} deg"
-    return Finding(name, round(found.column, 4), told)
+    basis = f"from {len(evidence.straight)} straight stretches, good to {360 * found.sigma:.1f} deg"
+    return Finding(name, round(found.column, 4), basis)
 
 
 def _sector_shifts(pairs: Iterable[tuple[Frame, Frame]], config: CompassConfig) -> Iterator[SectorShifts]:

@@ -74,11 +74,11 @@ def with_circles(images: Sequence[Image], config: CompassConfig) -> tuple[Compas
         if circle is None:
             found[f"{name}_radius"] = None, "no dark surround with a round edge"
             continue
-        told = (
+        basis = (
             f"edge seen over {100 * circle.seen:.0f} % of the circle, off it by {100 * circle.off:.2f} % of its radius"
         )
         for key, value in (("x", circle.x), ("y", circle.y), ("radius", circle.radius)):
-            found[f"{name}_{key}"] = round(float(value), 4), told
+            found[f"{name}_{key}"] = round(float(value), 4), basis
     config = replace(config, **{name: value for name, (value, _) in found.items() if value is not None})
     if config.projection == "ring" and circles[0] is not None and not config.ring_inner:
         found |= _inner_radius(images, circles[0])
@@ -142,8 +142,8 @@ def _inner_radius(images: Sequence[Image], circle: RoundPicture) -> dict[str, tu
     still = np.flatnonzero(profile[: outer // 2] < TURNS * usual)
     if usual < 2.0 or not still.size:
         return {"ring_inner": (None, "nothing about the centre stays while the robot turns")}
-    told = f"inside of it images change by less than {TURNS:g} of what they do outside"
-    return {"ring_inner": (round((int(still[-1]) + 1) / height, 4), told)}
+    basis = f"inside of it images change by less than {TURNS:g} of what they do outside"
+    return {"ring_inner": (round((int(still[-1]) + 1) / height, 4), basis)}
 
 
 def _field_of_view(images: Sequence[Image], config: CompassConfig) -> dict[str, tuple[Any, str]]:
@@ -152,8 +152,8 @@ def _field_of_view(images: Sequence[Image], config: CompassConfig) -> dict[str, 
     scores = np.array([_agreement(images, replace(config, field_of_view_deg=float(one))) for one in tried])
     best = int(np.argmax(scores))
     if scores[best] < ALIKE or best in (0, len(tried) - 1):
-        told = f"the two pictures do not show the same at their edges (correlation {scores[best]:.2f} at best)"
-        return {"field_of_view_deg": (None, told)}
+        basis = f"the two pictures do not show the same at their edges (correlation {scores[best]:.2f} at best)"
+        return {"field_of_view_deg": (None, basis)}
     left, mid, right = scores[best - 1 : best + 2]
     off = 0.5 * (left - right) / min(left - 2.0 * mid + right, -1e-9)
     value = float(tried[best] + STEP * np.clip(off, -0.5, 0.5))

@@ -4,18 +4,18 @@ from __future__ import annotations
 
 import logging
 import os
-import signal
 import sys
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from compass.errors import ConfigError, VisualCompassError
 from fusion.offline.commands import allan, report
-from fusion.offline.sensor_options import sensor_file_options
+from fusion.offline.evaluate_command import evaluate
+from fusion.offline.interruption import Interrupted, interruptible
+from fusion.offline.sensor_options import sensor_file_options, topic_options
 from fusion.offline.verbosity import QuietGroup, say
 
 if TYPE_CHECKING:
@@ -25,8 +25,10 @@ if TYPE_CHECKING:
 # cv2 are imported, and inherited.
 for variable in ("OPENBLAS_NUM_THREADS", "OPENCV_FOR_THREADS_NUM"):
     os.environ.setdefault(variable, "1")
-
-Command = TypeVar("Command", bound=Callable[..., None])
+# Images of megabytes come and go: glibc is to keep their memory, not to fetch its pages from the kernel for each one.
+# Only processes that this one starts read it.
+os.environ.setdefault("MALLOC_MMAP_THRESHOLD_", str(32 << 20))
+os.environ.setdefault("MALLOC_TRIM_THRESHOLD_", str(128 << 20))
 
 _PATH = click.Path(path_type=Path)
 _FORCE = click.option("--force", is_flag=True, help="Write where something else is than an earlier result.")
@@ -36,19 +38,6 @@ _FORCE = click.option("--force", is_flag=True, help="Write where something else 
 @click.version_option(package_name="visual-compass")
 def cli() -> None:
     """Yaw of a tracked robot from a 360-degree camera, a gyro and track odometry."""
-
-
-def _topic_options(command: Command) -> Command:
-    """Options that name topics; each is found by its type when left out."""
-    for sensor, what in (
-        ("truth", "Ground truth, nav_msgs/Odometry."),
-        ("odometry", "Track odometry, nav_msgs/Odometry."),
-        ("gyro", "Gyro, sensor_msgs/Imu."),
-        ("image", "Panoramas, sensor_msgs/Image or CompressedImage."),
-    ):
-        text = f"{what} 'none' leaves it out."
-        command = click.option(f"--{sensor}-topic", sensor, metavar="T", help=text)(command)
-    return command
 
 
 @cli.command(short_help="Fuse bags: yaw as CSV, TUM, MCAP, a summary and a plot.")
@@ -66,7 +55,7 @@ def _topic_options(command: Command) -> Command:
 @click.option("--scheduler", metavar="ADDRESS", help="Fuse on the workers of a Dask scheduler, tcp://host:8786.")
 @_FORCE
 @sensor_file_options
-@_topic_options
+@topic_options
 def fuse(
     bags: tuple[str, ...],
     out: Path | None,
@@ -146,89 +135,6 @@ def simulate(experiment: str | None, out: Path | None, seed: int, config: Path |
     say(f"{out}: {experiment}, seed {seed}")
 
 
-@cli.command(short_help="Score every compass, each sensor and the fused yaw.")
-@click.argument("what", nargs=-1)
-@click.option("--seeds", type=click.IntRange(1), default=1, show_default=True, help="Drives of each experiment.")
-@click.option(
-    "--worlds",
-    metavar="W",
-    default="held-out",
-    show_default=True,
-    help="held-out: where no constant was chosen; tuned: each experiment's own place; all; or one held-out place.",
-)
-@click.option("--json", "json_file", type=_PATH, metavar="FILE", help="Write every outcome as JSON.")
-@click.option("--markdown", "markdown_file", type=_PATH, metavar="FILE", help="Write the accuracy section of a file.")
-@click.option("--headline", "headline_file", type=_PATH, metavar="FILE", help="Write six lines of results into a file.")
-@click.option(
-    "--metric",
-    type=click.Choice(["all", "final", "rms", "worst", "per_m", "per_turn"]),
-    default="all",
-    show_default=True,
-    help="All in a long table, or one in a short.",
-)
-@click.option("--smooth", is_flag=True, help="Score the fixed-interval (RTS) smoother, too.")
-@click.option(
-    "--method",
-    "methods",
-    multiple=True,
-    metavar="M:F",
-    help="A method of your own, module:function, beside ours; may be repeated.",
-)
-@click.option(
-    "--yaw", "yaws", type=_PATH, multiple=True, metavar="TUM", help="A yaw of your own for the bag; may be repeated."
-)
-@click.option("--workers", type=click.IntRange(1), default=None, help="Processes  [default: one per core]")
-@click.option("--config", type=_PATH, metavar="YAML", help="Parameters in ROS form.")
-@_FORCE
-@_topic_options
-def evaluate(
-    what: tuple[str, ...],
-    seeds: int,
-    worlds: str,
-    json_file: Path | None,
-    markdown_file: Path | None,
-    headline_file: Path | None,
-    metric: str,
-    smooth: bool,
-    methods: tuple[str, ...],
-    yaws: tuple[Path, ...],
-    workers: int | None,
-    config: Path | None,
-    force: bool,
-    image: str | None,
-    gyro: str | None,
-    odometry: str | None,
-    truth: str | None,
-) -> None:
-    """Score every compass, each sensor and the fused yaw.
-
-    WHAT are names of experiments, bags with ground truth, and files of an earlier --json; without, all experiments. On
-    experiments the compass's methods are informed when images were exposed; "raw compass", what is published, goes by
-    their stamps, as fused does.
-    """
-    from fusion.offline.evaluation import run_evaluation
-    from fusion.offline.topics import TopicRequest
-    from fusion.settings import load_settings
-
-    text = run_evaluation(
-        what,
-        seeds,
-        load_settings(config),
-        TopicRequest(image, gyro, odometry, truth),
-        metric,
-        workers=workers,
-        smooth=smooth,
-        worlds=worlds,
-        methods=methods,
-        yaws=yaws,
-        json_file=json_file,
-        markdown_file=markdown_file,
-        headline_file=headline_file,
-        force=force,
-    )
-    click.echo(text)
-
-
 @cli.command(short_help="Propose settings from a recording of your own.")
 @click.argument("bag", type=_PATH)
 @click.option(
@@ -243,7 +149,7 @@ def evaluate(
 @click.option("--config", type=_PATH, metavar="YAML", help="Parameters in ROS form to start from.")
 @_FORCE
 @sensor_file_options
-@_topic_options
+@topic_options
 def calibrate(
     bag: Path,
     out: Path,
@@ -294,7 +200,7 @@ def schema(what: str) -> None:
     click.echo(json.dumps(settings_schema() if what == "settings" else summary_schema(), indent=2))
 
 
-for _command in (report, allan):
+for _command in (evaluate, report, allan):
     cli.add_command(_command)
 
 
@@ -303,7 +209,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     level = logging.getLogger().level
     logging.basicConfig(level=logging.WARNING, format="%(message)s", stream=sys.stderr)
     try:
-        with _interruptible():
+        with interruptible():
             cli.main(arguments, prog_name="visual-compass", standalone_mode=False)
     except VisualCompassError as error:
         click.echo(f"visual-compass: {' '.join(str(error).split())}", err=True)
@@ -311,35 +217,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except click.ClickException as error:
         error.show()
         return error.exit_code
-    except _Interrupted as interrupted:
+    except Interrupted as interrupted:
         click.echo(f"visual-compass: interrupted, {interrupted.left}", err=True)
         return 128 + interrupted.number
     finally:
         logging.getLogger().setLevel(level)  # of who calls it from Python
     return 0
-
-
-class _Interrupted(BaseException):
-    """Ctrl-C or SIGTERM; not `KeyboardInterrupt`, after which the interpreter may end by the signal all the same."""
-
-    def __init__(self, number: int) -> None:
-        self.number = number
-        self.left = "nothing was written"
-
-
-@contextmanager
-def _interruptible() -> Iterator[None]:
-    """Let both signals unwind the stack, so that temporary files go."""
-
-    def interrupt(number: int, frame: object) -> None:
-        raise _Interrupted(number)
-
-    before = {number: signal.signal(number, interrupt) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 if __name__ == "__main__":

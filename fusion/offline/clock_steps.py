@@ -105,8 +105,8 @@ class ClockSteps:
         step_ns = t_ns - last_ns
         if abs(step_ns) <= STEP_NS:
             return
-        told = [one.passed_ns(recorded_ns, record_ns) for one in self._witnesses]
-        passed = [ns for ns in told if ns is not None] + [record_ns - recorded_ns] * self._recorder
+        claims = [one.passed_ns(recorded_ns, record_ns) for one in self._witnesses]
+        passed = [ns for ns in claims if ns is not None] + [record_ns - recorded_ns] * self._recorder
         if passed and abs(step_ns - max(passed)) > STEP_NS:
             self._off_ns += step_ns - max(passed)
             self._steps += 1

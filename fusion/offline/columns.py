@@ -13,7 +13,8 @@ import numpy.typing as npt
 from fusion.checks.warnings import Warning, WarningLog
 from fusion.imu.levelling import ImuLevel
 from fusion.messages import NO_VECTOR, MessageError, imu_reading, odometry_sample
-from fusion.offline.bag import Bag, BagError, Message, Topic
+from fusion.offline.bag import Bag, BagError
+from fusion.offline.bag_messages import Message, Topic
 from fusion.offline.clock_steps import Recorded
 from fusion.offline.streams import Floats, Times
 from fusion.samples import GyroSample

@@ -48,8 +48,8 @@ class Claim:
 def contradiction(run: FusedRun) -> str | None:
     """Say in one line how the compass contradicts the gyro or the tracks, None where it does not."""
     warnings = [warned.warning for warned in run.warnings]
-    told = next((warning.text for warning in warnings if warning.code in _FATAL), None)
-    return told or _compared(run)
+    fatal = next((warning.text for warning in warnings if warning.code in _FATAL), None)
+    return fatal or _compared(run)
 
 
 def _compared(run: FusedRun) -> str | None:
@@ -72,8 +72,8 @@ def _compared(run: FusedRun) -> str | None:
     claims = {name: _claim(_common(segments, track), track) for name, track in others.items()}
     turning = max(max(claim.compass, claim.other) for claim in claims.values())
     if turning < LEAST:
-        told = f"{math.degrees(turning):.0f} deg of turning seen by the compass beside another sensor"
-        return f"{told}; calibration needs {math.degrees(LEAST):.0f} and more, best a full turn"
+        seen = f"{math.degrees(turning):.0f} deg of turning seen by the compass beside another sensor"
+        return f"{seen}; calibration needs {math.degrees(LEAST):.0f} and more, best a full turn"
     for name, claim in claims.items():
         low, high = _BOUNDS[name]
         if not (low <= claim.ratio <= high and claim.correlation >= _ALIKE):
@@ -120,7 +120,7 @@ def _claim(segments: list[tuple[int, int, float]], track: YawTrack) -> Claim:
 def _words(claims: Mapping[str, Claim], wrong: str) -> str:
     """What each claims, and what may be the matter."""
     claim, word = claims[wrong], {GYRO: "gyro", TRACKS: "track odometry"}[wrong]
-    told = ", ".join(
+    factors = ", ".join(
         f"{math.degrees(one.compass):.0f} deg by the compass and {math.degrees(one.other):.0f} deg by the"
         f" {name.removesuffix(' alone')} (ratio {one.ratio:.2g}, correlation {one.correlation:.2g})"
         for name, one in claims.items()
@@ -133,4 +133,4 @@ def _words(claims: Mapping[str, Claim], wrong: str) -> str:
         guess = f"a {word} that does not measure turns?"
     else:
         guess = "panoramas of less than the full circle, or a sensor in other units or of another clock?"
-    return f"turns contradict each other: {told}; {guess} `visual-compass fuse` says more; nothing was calibrated"
+    return f"turns contradict each other: {factors}; {guess} `visual-compass fuse` says more; nothing was calibrated"

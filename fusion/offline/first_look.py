@@ -16,7 +16,7 @@ from fusion.offline.streams import Frame, GyroTrack, OdometryTrack
 from fusion.offline.topics import TopicRequest, choose_topics
 from fusion.settings import Settings
 
-# what is told of stamps and files by looking at all of them
+# what is said of stamps and files by looking at all of them
 TOLD, APART = ("stamps_not_increasing", "stamps_wrong", "samples_lost"), "no time in common"
 LENGTH_NS = 60_000_000_000  # of the drive, counted from when the last sensor begins
 MOST_IMAGES = 600  # some seconds of work; a robot that is shown to a camera turns within them
@@ -52,7 +52,7 @@ def first_look(bag: Bag, settings: Settings, request: TopicRequest | None = None
     try:
         choice = choose_topics(bag, settings.topics, request)
     except BagError:
-        return []  # told already
+        return []  # reported already
     try:
         recording = read_recording(bag, choice, settings.imu, settings.compass.decoded_columns)
         with progress_bar("looking at the first minute") as progress:

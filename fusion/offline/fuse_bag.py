@@ -94,8 +94,8 @@ def fuse_bag(
         The bag or the place for the results cannot be used; nothing is written then.
     """
     if not isinstance(path, Path):
-        told = f"path is {path!r}, a {type(path).__name__}"
-        raise ArgumentError(f"{told}; give pathlib.Path, or call fusion.offline.fuse, which takes both")
+        given = f"path is {path!r}, a {type(path).__name__}"
+        raise ArgumentError(f"{given}; give pathlib.Path, or call fusion.offline.fuse, which takes both")
     if report:
         check_bokeh()
     if rerun:

@@ -146,10 +146,10 @@ class ImageRecording:
     def warnings(self) -> list[Warning]:
         """What is wrong with it as far as it was read, most serious first."""
         rows = self.gyro.t_ns.size + self.odometry.t_ns.size + self.images.count
-        told = list(self.images.faults)
+        faults = list(self.images.faults)
         if self.dropped.total() > LOST * rows:
-            told += [f"{count} unusable: {reason}" for reason, count in sorted(self.dropped.items())]
-        lost = [Warning("samples_lost", "recording", self.images.span().first_ns, "; ".join(told))] if told else []
+            faults += [f"{count} unusable: {reason}" for reason, count in sorted(self.dropped.items())]
+        lost = [Warning("samples_lost", "recording", self.images.span().first_ns, "; ".join(faults))] if faults else []
         return most_serious_first([*self.found, *lost])
 
     def frames(self) -> Iterator[Frame]:
@@ -198,15 +198,15 @@ def read_image_recording(images: Images, files: SensorFiles, imu: ImuConfig, col
 def _check_time(images: Images, files: SensorFiles, name: str, span: Span) -> None:
     """Refuse a file by another clock than the panoramas, as far as that shows."""
     seen = images.span()
-    told = f"{images.path.name} {seen.words()}, {Path(name).name} {span.words()}"
+    spans = f"{images.path.name} {seen.words()}, {Path(name).name} {span.words()}"
     if images.kind == "video" and files.video_start_ns is None and span.first_ns > NEAR_ZERO_NS:
         raise SensorFileError(
-            f"{images.path}: a video's own time begins at zero: {told}; give --video-start, the time of its first "
+            f"{images.path}: a video's own time begins at zero: {spans}; give --video-start, the time of its first "
             "frame by the clock of the CSV files, s"
         )
     if not seen.meets(span):
         remedy = "see to --video-start" if images.kind == "video" else "stamp all by one clock"
-        raise SensorFileError(f"{images.path}: no time in common: {told}; {remedy}")
+        raise SensorFileError(f"{images.path}: no time in common: {spans}; {remedy}")
 
 
 def _embedded(images: Images, level: ImuLevel, log: WarningLog) -> GyroTrack:

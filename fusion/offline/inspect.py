@@ -18,7 +18,8 @@ from compass.images.projection import projection_of
 from compass.images.unwrap import unwrapping
 from fusion.messages import MessageError
 from fusion.offline.atomic_output import staged_file
-from fusion.offline.bag import IMAGES, IMU, ODOMETRY, Bag, BagError, Topic
+from fusion.offline.bag import Bag, BagError
+from fusion.offline.bag_messages import IMAGES, IMU, ODOMETRY, Topic
 from fusion.offline.clock_steps import YEAR_2200_NS
 from fusion.offline.console import progress_bar, table
 from fusion.offline.first_look import first_look

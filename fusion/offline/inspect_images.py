@@ -62,7 +62,7 @@ def _problems(images: Images, settings: Settings) -> list[str]:
     beginning = Beginning(recording, recording.gyro, recording.odometry, images.span().first_ns + LENGTH_NS)
     with progress_bar(f"looking at the first minute, or {MOST_IMAGES} images") as progress:
         run = fuse_recording(beginning, settings, progress)
-    found = [f"{one.text} [{one.code}, {one.sensor}]" for one in (told.warning for told in run.warnings)]
+    found = [f"{one.text} [{one.code}, {one.sensor}]" for one in (warned.warning for warned in run.warnings)]
     return list(dict.fromkeys(found))
 
 

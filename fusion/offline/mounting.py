@@ -94,7 +94,7 @@ def forward_column(pairs: Sequence[SectorShifts], columns: int) -> Forward | Non
     (_, sine, cosine), *_ = np.linalg.lstsq(basis * weight[:, None], shift * weight, rcond=None)
     size = math.hypot(sine, cosine)
     residual = (shift - basis @ np.array([0.0, sine, cosine])) * weight
-    # Windows overlap by half and distances vary slowly: about one in eight residuals is news.
+    # Windows overlap by half and distances vary slowly: about one in eight residuals is independent.
     sigma = float(np.sqrt(8.0 * np.mean(residual**2) * 2.0 / np.sum(weight**2))) / max(size, 1e-9)
     if sigma > 0.2:
         return None

@@ -35,6 +35,7 @@ if TYPE_CHECKING:
 COLOURS = {FUSED: "#D55E00", COMPASS: "#0072B2", GYRO: "#009E73", TRACKS: "#CC79A7", SMOOTHED: "#56B4E9"}
 SENSOR_COLOURS = {Sensor.COMPASS: COLOURS[COMPASS], Sensor.GYRO: COLOURS[GYRO], Sensor.TRACKS: COLOURS[TRACKS]}
 WIDTH = 11.0  # inches
+LABELS = 0.4  # inches from the left edge to the panels' labels; between them and the panels are the ticks'
 LARGEST = 1e9  # on an axis, in its unit; beyond, numbers are nonsense, and matplotlib finds no ticks
 MOST_POINTS = 2000  # per curve; more cannot be seen
 CJK_FONTS = (
@@ -59,6 +60,7 @@ def plot_run(run: FusedRun, path: Path, title: str) -> None:
     """Draw `run` into a PNG at `path`."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
+    from matplotlib.transforms import Bbox, blended_transform_factory
 
     panels = _panels(run)
     heights = [2.2 if draw is _yaws else 1.2 for draw in panels]
@@ -77,18 +79,22 @@ def plot_run(run: FusedRun, path: Path, title: str) -> None:
     )
     for axis, draw in zip(axes, panels, strict=True):
         draw(axis, run, clock)
+        # One line for all labels; matplotlib would measure every panel's ticks for every other panel to find it.
+        axis.yaxis.set_label_coords(LABELS / WIDTH, 0.5, blended_transform_factory(figure.transFigure, axis.transAxes))
         axis.grid(color="0.9", linewidth=0.8)
         axis.set_axisbelow(True)
         axis.spines[["top", "right"]].set_visible(False)
         if axis.get_legend_handles_labels()[0]:
             axis.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False, fontsize=9)
-    figure.align_ylabels(axes)
     axes[-1].set_xlabel("time since start [s]")
     axes[-1].set_xlim(0.0, max(float(clock(run.t_ns)[-1]), 1e-3))
     shade_warnings(axes, run.warnings, run.rows[0].t_ns)
-    # No legend is cut off; "tight" would mean the same, and draw everything once more to find out.
+    # No legend is cut off, no room left for one; "tight" would mean the same, and draw everything once to find out.
     renderer = canvas.get_renderer()  # type: ignore[no-untyped-call]
-    figure.savefig(path, bbox_inches=figure.get_tightbbox(renderer).padded(0.1))
+    beside = [heading, *filter(None, (axis.get_legend() for axis in axes))]
+    within = Bbox.from_extents(0.0, 0.0, axes[0].bbox.x1, figure.bbox.y1)
+    box = Bbox.union([within, *(one.get_window_extent(renderer) for one in beside)])
+    figure.savefig(path, bbox_inches=box.transformed(figure.dpi_scale_trans.inverted()).padded(0.1))
 
 
 def _panels(run: FusedRun) -> list[Panel]:

@@ -197,12 +197,12 @@ class _Run:
 
     def _note(self, t_ns: int, reading: CompassReading | None) -> None:
         reports = self.reports()
-        news = {sensor: report for sensor, report in reports.items() if self._reported.get(sensor) != report.t_ns}
-        self._reported.update({sensor: report.t_ns for sensor, report in news.items()})
+        new = {sensor: report for sensor, report in reports.items() if self._reported.get(sensor) != report.t_ns}
+        self._reported.update({sensor: report.t_ns for sensor, report in new.items()})
         if self.rows and self.rows[-1].t_ns == t_ns and self.rows[-1].compass is None:
-            news = self.rows.pop().gates | news
+            new = self.rows.pop().gates | new
         warnings = self._history.note(t_ns, self.pipeline.warnings())
-        self.rows.append(Row(t_ns, reading, self._estimate_at(t_ns), news, warnings))
+        self.rows.append(Row(t_ns, reading, self._estimate_at(t_ns), new, warnings))
 
     def _estimate_at(self, t_ns: int) -> YawEstimate | None:
         """The estimate for a row's own time; None where there is none worth the name."""

@@ -15,7 +15,7 @@ from compass.errors import VisualCompassError
 from fusion.checks.warnings import WarningLog
 from fusion.imu.levelling import ImuLevel
 from fusion.offline.columns import levelled
-from fusion.offline.sensor_options import GYRO_COLUMNS, ODOMETRY_COLUMNS, TRUTH_COLUMNS
+from fusion.offline.sensor_columns import GYRO_COLUMNS, ODOMETRY_COLUMNS, TRUTH_COLUMNS
 from fusion.offline.streams import Floats, GyroTrack, OdometryTrack, Times, TruthTrack, unwrap
 from fusion.samples import GyroSample
 

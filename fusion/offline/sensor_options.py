@@ -1,17 +1,17 @@
-"""Options of the command that name files of sensors, beside a video or a folder of images."""
+"""Options of commands that name the sensors: their topics, or files beside a video or a folder of images."""
 
 from __future__ import annotations
 
 import functools
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import click
 
-GYRO_COLUMNS = "t (s) or t_ns; yaw_rate (rad/s, left positive), or gx,gy,gz (rad/s) and ax,ay,az (m/s^2)"
-ODOMETRY_COLUMNS = "t (s) or t_ns; yaw_rate (rad/s) or yaw (rad) or both, left positive; speed (m/s)"
-TRUTH_COLUMNS = "t (s) or t_ns; yaw (rad, left positive)"
+from fusion.offline.sensor_columns import GYRO_COLUMNS, ODOMETRY_COLUMNS, TRUTH_COLUMNS
+
+Command = TypeVar("Command", bound=Callable[..., None])
 
 
 class Moment(click.ParamType):  # type: ignore[type-arg, unused-ignore]  # generic since click 8.4
@@ -68,3 +68,16 @@ def sensor_file_options(command: Callable[..., None]) -> Callable[..., None]:
     ):
         with_files = option(with_files)
     return with_files
+
+
+def topic_options(command: Command) -> Command:
+    """Options that name topics; each is found by its type when left out."""
+    for sensor, what in (
+        ("truth", "Ground truth, nav_msgs/Odometry."),
+        ("odometry", "Track odometry, nav_msgs/Odometry."),
+        ("gyro", "Gyro, sensor_msgs/Imu."),
+        ("image", "Panoramas, sensor_msgs/Image or CompressedImage."),
+    ):
+        text = f"{what} 'none' leaves it out."
+        command = click.option(f"--{sensor}-topic", sensor, metavar="T", help=text)(command)
+    return command

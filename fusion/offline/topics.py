@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
-from fusion.offline.bag import COMPRESSED_IMAGE, IMAGE, IMU, ODOMETRY, VIDEOS, Bag, BagError, Topic
+from fusion.offline.bag import Bag, BagError
+from fusion.offline.bag_messages import COMPRESSED_IMAGE, IMAGE, IMU, ODOMETRY, VIDEOS, Topic
 from fusion.settings import NONE, TopicSettings, absent, in_bag
 
 DEPTH = "/compressedDepth"  # the suffix that image_transport's depth plugin adds

@@ -108,12 +108,12 @@ def _death(exitcode: int | None) -> str:
 def _serve(connection: Connection) -> None:
     """In the child: take tasks until there are no more, or a signal unwinds all."""
     signal.signal(signal.SIGTERM, _leave)
-    told = 0.0
+    shown_at = 0.0
 
     def progress(part: float) -> None:
-        nonlocal told
-        if time.monotonic() - told > _TELL_EVERY_S:
-            told = time.monotonic()
+        nonlocal shown_at
+        if time.monotonic() - shown_at > _TELL_EVERY_S:
+            shown_at = time.monotonic()
             connection.send(part)  # fails where the parent has gone: then this run ends, too
 
     with suppress(EOFError, BrokenPipeError):

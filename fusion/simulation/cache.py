@@ -30,7 +30,7 @@ log = logging.getLogger(__name__)
 # For smooth images run lengths after prediction are smaller and faster than a search for repeats.
 _PNG = (cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE)
 _RENDERS: tuple[str, ...] = ("body", "builder", "camera", "fittings", "held_out", "materials", "painter")
-_RENDERS += ("people", "places", "raster", "rendering", "surfaces", "world", "worlds", "yards")
+_RENDERS += ("people", "places", "raster", "rays", "rendering", "surfaces", "world", "worlds", "yards")
 
 
 class Frames(Protocol):
@@ -68,6 +68,8 @@ def cached_frames(
     directory: Path | None = None,
     workers: int = 2,
     progress: Progress | None = None,
+    *,
+    keep: bool = True,
 ) -> Frames:
     """Frames from the cache, or rendered and put there.
 
@@ -85,12 +87,16 @@ def cached_frames(
         None: `cache_directory()`.
     progress : callable or None
         Called with (frames done, count) while rendering.
+    keep : bool
+        False: what the cache does not have is rendered when it is asked for, each time anew, and not put there.
     """
     directory = cache_directory() if directory is None else directory
     digest = hashlib.sha256(code_version().encode() + key).hexdigest()[:16]
     path = directory / f"{label}-{digest}.zip"
     with contextlib.suppress(OSError, zipfile.BadZipFile, ValueError):
         return _ZippedFrames(path, count)
+    if not keep:
+        return _RenderedFrames(count, start())
     images = list(_rendered(count, start(), workers, progress))
     try:
         directory.mkdir(parents=True, exist_ok=True)
@@ -104,6 +110,18 @@ def cached_frames(
     with contextlib.suppress(OSError):  # another process may have put frames of the same label in their place
         return _ZippedFrames(path, count)
     return _FramesInMemory(images)
+
+
+class _RenderedFrames:
+    def __init__(self, count: int, render: Callable[[int], Frame]) -> None:
+        self._count = count
+        self._render = render
+
+    def __len__(self) -> int:
+        return self._count
+
+    def __getitem__(self, index: int) -> Frame:
+        return self._render(index)
 
 
 class _FramesInMemory:

@@ -129,6 +129,7 @@ def simulate(
     cache: Path | None = None,
     workers: int = 2,
     camera: PanoramaCamera = CAMERA,
+    keep: bool = True,
 ) -> Drive:
     """Drive one of the `EXPERIMENTS`.
 
@@ -147,6 +148,8 @@ def simulate(
         Threads that render.
     camera : PanoramaCamera
         Size of the panorama.
+    keep : bool
+        Whether frames that have to be rendered are put into the cache; else each is rendered when it is asked for.
 
     Raises
     ------
@@ -165,8 +168,9 @@ def simulate(
         def start() -> Callable[[int], Frame]:
             return renderer.start(world.build)
 
-        label = f"{name}-{world.name}"
-        return cached_frames(label, world.key + renderer.key(), times.size, start, cache, workers, progress)
+        label = f"{name}-{world.name}-{seed}" if world.held_out else f"{name}-{world.name}"
+        key = world.key + renderer.key()
+        return cached_frames(label, key, times.size, start, cache, workers, progress, keep=keep)
 
     stamps = times if experiment.stamps is None else np.rint(experiment.stamps.stamp(times, streams[3]) * 1e9) / 1e9
     fine = np.rint(np.arange(0.0, experiment.trajectory.duration, 1.0 / TRUTH_HZ) * 1e9) / 1e9

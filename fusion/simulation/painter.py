@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from fusion.simulation.raster import STEEPEST, Raster
+from fusion.simulation.rays import Shapes, hits, spans
 from fusion.simulation.surfaces import Array, Ground
-from fusion.simulation.world import Floats, Hits, Solid, World, far_to_near
+from fusion.simulation.world import Floats, Solid, World, far_to_near
 
-_CHUNK = 128  # columns painted at a time: a block of them stays in the processor's cache
+_CHUNK = 256  # columns painted at a time: a block of them stays in the processor's cache
 _FOG_GREY = 185.0  # an overcast day's
 
 
@@ -39,6 +40,7 @@ class _Canvas:
         self.tangent = np.tan(np.clip(self.elevation, -STEEPEST, STEEPEST)).astype(np.float32)
         self.step, self.columns = raster.step, raster.columns
         self.azimuth = pose.yaw + np.pi - (np.arange(self.columns) + 0.5) * self.step
+        self.cos, self.sin = np.cos(self.azimuth), np.sin(self.azimuth)
         self.grey = np.zeros((self.columns, self.tangent.size), np.float32)
 
     def rows_between(self, low: float, high: float) -> slice:
@@ -47,18 +49,27 @@ class _Canvas:
         last = int(np.searchsorted(self.falling, -low, side="left"))
         return slice(max(first, 0), min(max(last, 0), self.tangent.size))
 
-    def cover(self, rows: slice, low: Floats, high: Floats, alpha: Floats) -> Array:
-        """Covered share of each pixel of a block by what lies between the tangents `low`..`high` in each column."""
+    def lay(self, columns: slice, rows: slice, grey: Array, low: Floats, high: Floats, alpha: Floats) -> None:
+        """Lay `grey` over a block of pixels: in each column between the tangents `low`..`high`, with weight `alpha`."""
+        # what is covered whole in all columns needs no weights
+        first = max(int(np.searchsorted(self.falling, -float(high.min()), side="left")), rows.start)
+        last = min(int(np.searchsorted(self.falling, -float(low.max()), side="right")) - 1, rows.stop)
+        if alpha.min() < 1.0 or last <= first:
+            first = last = rows.stop
+        self.grey[columns, first:last] = grey[:, first - rows.start : last - rows.start]
+        for part in (slice(rows.start, first), slice(last, rows.stop)):
+            if part.stop > part.start:
+                self._blend(columns, part, grey[:, part.start - rows.start : part.stop - rows.start], low, high, alpha)
+
+    def _blend(self, columns: slice, rows: slice, grey: Array, low: Floats, high: Floats, alpha: Floats) -> None:
+        """`lay` where pixels are covered in part."""
         share = np.minimum(self.upper[rows], high.astype(np.float32)[:, None])
         share -= np.maximum(self.lower[rows], low.astype(np.float32)[:, None])
         share *= self.per_row[rows]
-        np.clip(share, 0.0, 1.0, out=share)
+        np.maximum(share, 0.0, out=share)
+        np.minimum(share, 1.0, out=share)
         if alpha.min() < 1.0:
             share *= alpha.astype(np.float32)[:, None]
-        return share
-
-    def blend(self, columns: slice, rows: slice, grey: Array, share: Array) -> None:
-        """Lay `grey` over the block with weight `share`."""
         block = self.grey[columns, rows]
         grey -= block
         grey *= share
@@ -76,10 +87,8 @@ class _Canvas:
         )
         # A plane seen at a grazing angle is a long narrow footprint; a third of its length keeps the detail across.
         level = ground.level(np.maximum(across, along / 3.0))
-        cos, sin = np.cos(self.azimuth[columns]), np.sin(self.azimuth[columns])
-        x = np.float32(self.pose.x) + cos.astype(np.float32)[:, None] * distance.astype(np.float32)
-        y = np.float32(self.pose.y) + sin.astype(np.float32)[:, None] * distance.astype(np.float32)
-        return self.dim(ground.sample(x, y, level.astype(np.float64)), distance[None, :])
+        grey = ground.sample((self.pose.x, self.pose.y), self.cos[columns], self.sin[columns], distance, level)
+        return self.dim(grey, distance[None, :])
 
     def dim(self, grey: Array, distance: Floats) -> Array:
         """What fog leaves of `grey` at a horizontal `distance`, m, that broadcasts to it; paints in place."""
@@ -90,20 +99,43 @@ class _Canvas:
         return grey
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, slots=True)
 class _Sight:
-    """A solid as the camera sees it: its columns (unwrapped, may pass the seam), their coverage and hits."""
+    """A solid as the camera sees it, one entry per column from `first` on (unwrapped, may pass the seam).
+
+    Attributes
+    ----------
+    solid : Solid
+        Which.
+    first : int
+        Its first column.
+    alpha : ndarray
+        Share of each column that it covers.
+    near, far, u : ndarray
+        See `Hits`.
+    across, down : ndarray
+        What a pixel covers of its side, m.
+    """
 
     solid: Solid
     first: int
     alpha: Floats
-    hits: Hits
+    near: Floats
+    far: Floats
+    u: Floats
+    across: Floats
+    down: Floats
+
+    def part(self, cut: slice) -> _Sight:
+        """Its columns `cut`, counted from its first."""
+        columns = (self.alpha, self.near, self.far, self.u, self.across, self.down)
+        return _Sight(self.solid, self.first + cut.start, *(values[cut] for values in columns))
 
 
 def paint(world: World, pose: CameraPose, t: float, raster: Raster) -> Array:
     """Paint the world at time `t` s as seen from `pose`, held level; float32 (columns, rows) of the raster."""
     canvas = _Canvas(raster, pose, world.fog)
-    sights = [_see(solid, canvas) for solid in far_to_near(world.at(t), pose.x, pose.y, pose.z)]
+    sights = _see(far_to_near(world.at(t), pose.x, pose.y, pose.z), canvas)
     _paint_background(world, canvas, sights)
     for sight in sights:
         if sight.solid.hull:
@@ -116,25 +148,34 @@ def paint(world: World, pose: CameraPose, t: float, raster: Raster) -> Array:
 def _paint_ends(canvas: _Canvas, sight: _Sight) -> None:
     """Paint the outermost columns of an outer wall whole, so that nothing shines through where two walls meet."""
     for index in (0, sight.alpha.size - 1):
-        hits = sight.hits
-        part = slice(index, index + 1)
-        end = Hits(hits.near[part], hits.far[part], hits.u[part], hits.facing[part])
-        _paint_solid(canvas, _Sight(sight.solid, sight.first + index, np.ones(1), end))
+        _paint_solid(canvas, replace(sight.part(slice(index, index + 1)), alpha=np.ones(1)))
 
 
-def _see(solid: Solid, canvas: _Canvas) -> _Sight:
-    """Find the columns that show `solid`; the outermost get the share that it covers."""
-    start, end = solid.span(canvas.pose.x, canvas.pose.y)
+def _see(solids: list[Solid], canvas: _Canvas) -> list[_Sight]:
+    """Find the columns that show each solid; the outermost get the share that it covers."""
+    pose, step = canvas.pose, canvas.step
+    shapes = Shapes.of(solids)
+    start, end = spans(shapes, pose.x, pose.y)
     # Columns run clockwise: the larger azimuth comes first.
-    left = (canvas.pose.yaw + np.pi - end) / canvas.step
-    right = (canvas.pose.yaw + np.pi - start) / canvas.step
-    first = int(np.floor(left))
-    index = np.arange(first, max(int(np.ceil(right)), first + 1))
-    alpha = np.clip(np.minimum(index + 1.0, right) - np.maximum(index, left), 0.0, 1.0)
-    azimuth = canvas.pose.yaw + np.pi - (index + 0.5) * canvas.step
-    inset = min(1e-6, (end - start) / 4.0)
-    hits = solid.hits(canvas.pose.x, canvas.pose.y, np.clip(azimuth, start + inset, end - inset))
-    return _Sight(solid, first, alpha, hits)
+    left, right = (pose.yaw + np.pi - end) / step, (pose.yaw + np.pi - start) / step
+    first = np.floor(left).astype(np.intp)
+    count = np.maximum(np.ceil(right).astype(np.intp) - first, 1)
+    ends = np.cumsum(count)
+    owner = np.repeat(np.arange(len(solids)), count)
+    index = np.arange(owner.size) + (first - ends + count)[owner]
+    alpha = np.minimum(index + 1.0, right[owner]) - np.maximum(index, left[owner])
+    alpha = np.minimum(np.maximum(alpha, 0.0), 1.0)
+    inset = np.minimum(1e-6, (end - start) / 4.0)
+    azimuth = pose.yaw + np.pi - (index + 0.5) * step
+    azimuth = np.minimum(np.maximum(azimuth, (start + inset)[owner]), (end - inset)[owner])
+    met = hits(shapes.take(owner), pose.x, pose.y, azimuth)
+    down = met.near * step
+    across = down / np.maximum(met.facing, 1e-3)
+    columns = (alpha, met.near, met.far, met.u, across, down)
+    return [
+        _Sight(solid, here, *(values[last - size : last] for values in columns))
+        for solid, here, last, size in zip(solids, first.tolist(), ends.tolist(), count.tolist(), strict=True)
+    ]
 
 
 def _chunks(first: int, count: int, columns: int) -> list[tuple[slice, slice]]:
@@ -153,7 +194,7 @@ def _paint_solid(canvas: _Canvas, sight: _Sight) -> None:
     """Paint top or bottom first, then the side over it."""
     solid, pose = sight.solid, canvas.pose
     for columns, part in _chunks(sight.first, sight.alpha.size, canvas.columns):
-        near, far, alpha = sight.hits.near[part], sight.hits.far[part], sight.alpha[part] * solid.opacity
+        near, far, alpha = sight.near[part], sight.far[part], sight.alpha[part] * solid.opacity
         above, below = solid.high[2] - pose.z, solid.low[2] - pose.z
         if solid.cap is not None and above < 0:
             _paint_cap(canvas, columns, near, far, alpha, solid.cap, above)
@@ -163,10 +204,9 @@ def _paint_solid(canvas: _Canvas, sight: _Sight) -> None:
         rows = canvas.rows_between(float(low.min()), float(high.max()))
         if rows.stop <= rows.start:
             continue
-        pixel = near * canvas.step
-        level = solid.skin.level(pixel / np.maximum(sight.hits.facing[part], 1e-3), pixel)
-        grey = solid.skin.sample(sight.hits.u[part], np.full(near.shape, above), -near, canvas.tangent[rows], level)
-        canvas.blend(columns, rows, canvas.dim(grey, near[:, None]), canvas.cover(rows, low, high, alpha))
+        level = solid.skin.level(sight.across[part], sight.down[part])
+        grey = solid.skin.sample(sight.u[part], above, -near, canvas.tangent[rows], level)
+        canvas.lay(columns, rows, canvas.dim(grey, near[:, None]), low, high, alpha)
 
 
 def _paint_cap(
@@ -180,7 +220,7 @@ def _paint_cap(
     rows = canvas.rows_between(float(low.min()), float(high.max()))
     if rows.stop > rows.start:
         grey = canvas.level_surface(columns, rows, cap, height + canvas.pose.z)
-        canvas.blend(columns, rows, grey, canvas.cover(rows, low, high, alpha))
+        canvas.lay(columns, rows, grey, low, high, alpha)
 
 
 def _paint_background(world: World, canvas: _Canvas, sights: list[_Sight]) -> None:
@@ -188,7 +228,7 @@ def _paint_background(world: World, canvas: _Canvas, sights: list[_Sight]) -> No
     floor, roof = np.zeros(canvas.columns), np.zeros(canvas.columns)
     for sight in sights:
         index = np.arange(sight.first, sight.first + sight.alpha.size) % canvas.columns
-        near = np.where(sight.alpha * sight.solid.opacity < 1.0, np.inf, sight.hits.near)
+        near = np.where(sight.alpha * sight.solid.opacity < 1.0, np.inf, sight.near)
         if sight.solid.low[2] <= 0.0 and sight.solid.high[2] > canvas.pose.z:
             floor[index] = np.minimum(floor[index], -canvas.pose.z / near)
         if world.ceiling is not None and sight.solid.high[2] >= world.ceiling_height - 1e-6:

@@ -20,7 +20,8 @@ COARSE = 4  # fine rows in a coarse one
 STEEPEST = np.deg2rad(87.0)  # near the poles, where the tangent has no end
 _GRID = 8  # pixels between which the tilt's shift is interpolated
 # Of the lens: reaches 0.7 % at 1.5 times Nyquist's frequency, so that hardly anything folds back in the shrinking.
-_BLUR = (10.0 / 32.0, 5.0 / 32.0, 1.0 / 32.0)
+_LOW_PASS = np.array([1.0, 5.0, 10.0, 10.0, 5.0, 1.0]) / 32.0
+_BEFORE, _AFTER = 2, 3  # lines that it needs beyond the first and the last of a pair
 
 
 @dataclass(frozen=True)
@@ -68,20 +69,23 @@ class Raster:
 
     def finish(self, painted: Array) -> Array:
         """Low-pass and shrink to the panorama, shape (height, width)."""
-        wrapped = np.concatenate([painted[-2:], painted, painted[:3]])
-        narrow = np.ascontiguousarray(_halve(wrapped).T)
         top, bottom = self._limits
         above = top // COARSE
-        fine = narrow[above : above + bottom - top]
-        fine = np.concatenate([fine[:1], fine[:1], fine, *3 * [fine[-1:]]])
+        below = above + bottom - top
+        fine = painted[:, above:below]
+        fine = np.concatenate([*_BEFORE * [fine[:, :1]], fine, *_AFTER * [fine[:, -1:]]], axis=1)
         image = np.empty((self.height, self.width), np.float32)
-        image[top // 2 : bottom // 2] = _halve(fine)
+        image[top // 2 : bottom // 2] = _shrunk(_wrapped(fine)).T
         centres = (self.edges[1:] + self.edges[:-1]) / 2.0
-        for part in (slice(0, top // 2), slice(bottom // 2, self.height)):
-            rows = np.interp(2.0 * np.arange(part.start, part.stop) + 1.0, centres, np.arange(centres.size))
-            before = np.minimum(rows.astype(np.intp), centres.size - 2)
-            share = (rows - before).astype(np.float32)[:, None]
-            image[part] = narrow[before] + share * (narrow[before + 1] - narrow[before])
+        for part, rows in (
+            (slice(0, top // 2), slice(0, above + 1)),
+            (slice(bottom // 2, self.height), slice(below - 1, centres.size)),
+        ):
+            coarse = np.ascontiguousarray(_halved(_wrapped(painted[:, rows])).T)
+            place = np.interp(2.0 * np.arange(part.start, part.stop) + 1.0, centres[rows], np.arange(len(coarse)))
+            before = np.minimum(place.astype(np.intp), len(coarse) - 2)
+            share = (place - before).astype(np.float32)[:, None]
+            image[part] = coarse[before] + share * (coarse[before + 1] - coarse[before])
         return image
 
     def tilted(self, painted: Array, pitch: float, roll: float) -> Array:
@@ -94,34 +98,55 @@ class Raster:
         x, y, z = _turn(elevation, azimuth, pitch, roll)
         turned = (np.arctan2(y, x) - azimuth + np.pi) % (2.0 * np.pi) - np.pi
         raised = np.arcsin(np.clip(z, -1.0, 1.0)) - elevation
-        column = np.arange(self.columns, dtype=np.float32)[:, None] - self._spread(turned) / np.float32(self.step)
-        fine = (np.pi / 2.0 - self.elevation - self._spread(raised)) * (2.0 * self.height / np.pi)
-        top, bottom = self._limits
-        row = np.clip(fine - top, 0, bottom - top)
-        row += (np.minimum(fine, top) + np.maximum(fine - bottom, 0)) / COARSE
+        per_rad = 2.0 * self.height / np.pi
+        column = self._spread(turned / -self.step)
+        column += np.arange(self.columns, dtype=np.float32)[:, None]
+        fine = self._spread(raised * -per_rad)
+        fine += ((np.pi / 2.0 - self.elevation) * per_rad).astype(np.float32)
+        top, bottom = (np.float32(limit) for limit in self._limits)
+        row = np.maximum(fine - bottom, np.float32(0.0))
+        row += np.minimum(fine, top)
+        row *= np.float32(1.0 / COARSE)
+        row -= np.float32(0.5)
+        fine -= top
+        np.maximum(fine, np.float32(0.0), out=fine)
+        row += np.minimum(fine, bottom - top, out=fine)
+        turns = column * np.float32(1.0 / self.columns)
+        column -= np.floor(turns, out=turns) * np.float32(self.columns)
         pad = 4
+        column += np.float32(pad)
         wide = cv2.copyMakeBorder(painted, pad, pad, 0, 0, cv2.BORDER_WRAP)
-        column = column % self.columns + pad
-        return np.asarray(cv2.remap(wide, (row - 0.5).astype(np.float32), column, cv2.INTER_CUBIC), np.float32)
+        return np.asarray(cv2.remap(wide, row, column, cv2.INTER_CUBIC), np.float32)
 
-    def _spread(self, coarse: Floats) -> Array:
-        """Interpolate a smooth quantity, given every `_GRID` columns and half as many rows, at every painted pixel."""
+    @cached_property
+    def _places(self) -> tuple[Array, Array]:
+        """Where in the coarse grid of `_spread` each painted pixel lies: row and column, in its cells."""
         y = (np.arange(self.columns, dtype=np.float32) / _GRID + 1.0)[:, None]
         x = (np.arange(self.elevation.size, dtype=np.float32) * 2.0 / _GRID + 1.0)[None, :]
         y, x = np.broadcast_arrays(y, x)
-        return np.asarray(
-            cv2.remap(coarse.astype(np.float32), np.ascontiguousarray(x), np.ascontiguousarray(y), cv2.INTER_LINEAR)
-        )
+        return np.ascontiguousarray(x), np.ascontiguousarray(y)
+
+    def _spread(self, coarse: Floats) -> Array:
+        """Interpolate a smooth quantity, given every `_GRID` columns and half as many rows, at every painted pixel."""
+        return np.asarray(cv2.remap(coarse.astype(np.float32), *self._places, cv2.INTER_LINEAR), np.float32)
 
 
-def _halve(lines: Array) -> Array:
-    """Low-pass along the first axis and take every second; 2 lines before and 3 after are there for the filter."""
-    count = (lines.shape[0] - 5) // 2
-    centre = [lines[offset : offset + 2 * count : 2] for offset in range(6)]
-    total = (centre[2] + centre[3]) * np.float32(_BLUR[0])
-    total += (centre[1] + centre[4]) * np.float32(_BLUR[1])
-    total += (centre[0] + centre[5]) * np.float32(_BLUR[2])
-    return np.asarray(total, np.float32)
+def _wrapped(painted: Array) -> Array:
+    """Painted columns once round, and those before and after that the low-pass needs."""
+    return np.concatenate([painted[-_BEFORE:], painted, painted[:_AFTER]])
+
+
+def _halved(lines: Array) -> Array:
+    """Low-pass along the first axis and take every second line; those before and after are for the filter alone."""
+    smooth = cv2.sepFilter2D(lines, -1, np.ones(1), _LOW_PASS, anchor=(0, _BEFORE))
+    return np.asarray(smooth[_BEFORE:-_AFTER:2], np.float32)
+
+
+def _shrunk(painted: Array) -> Array:
+    """`_halved` along both axes: the mean of two neighbours and then OpenCV's pyramid, five taps, are its six."""
+    pairs = cv2.blur(painted, (2, 2), anchor=(0, 0))
+    count = (painted.shape[0] - _BEFORE - _AFTER) // 2, (painted.shape[1] - _BEFORE - _AFTER) // 2
+    return np.asarray(cv2.pyrDown(pairs)[1 : 1 + count[0], 1 : 1 + count[1]], np.float32)
 
 
 def _turn(elevation: Floats, azimuth: Floats, pitch: float, roll: float) -> tuple[Floats, Floats, Floats]:

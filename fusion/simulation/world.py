@@ -17,26 +17,6 @@ from fusion.simulation.surfaces import Ground, Skin, Sky
 Floats = npt.NDArray[np.float64]
 
 
-@dataclass(frozen=True, slots=True)
-class Hits:
-    """Where rays meet the side of a solid; one entry per ray.
-
-    Attributes
-    ----------
-    near, far : ndarray
-        Horizontal distance at which the ray enters and leaves, m.
-    u : ndarray
-        Position along the solid's side, m.
-    facing : ndarray
-        Cosine of the angle between the ray and the side's normal, seen from above.
-    """
-
-    near: Floats
-    far: Floats
-    u: Floats
-    facing: Floats
-
-
 @dataclass(frozen=True, eq=False)
 class Solid:
     """An upright box along the axes, or an upright cylinder inscribed in it; of no thickness it is a plate.
@@ -64,50 +44,6 @@ class Solid:
     round: bool = False
     hull: bool = False
     opacity: float = 1.0
-
-    def span(self, x: float, y: float) -> tuple[float, float]:
-        """Azimuths between which it is seen from (x, y), rad, the smaller first, not wrapped."""
-        middle_x, middle_y = (self.low[0] + self.high[0]) / 2.0, (self.low[1] + self.high[1]) / 2.0
-        centre = np.arctan2(middle_y - y, middle_x - x)
-        if self.round:
-            radius = (self.high[0] - self.low[0]) / 2.0
-            half = np.arcsin(min(1.0, radius / np.hypot(middle_x - x, middle_y - y)))
-            return float(centre - half), float(centre + half)
-        corners_x = np.array([self.low[0], self.high[0], self.low[0], self.high[0]]) - x
-        corners_y = np.array([self.low[1], self.low[1], self.high[1], self.high[1]]) - y
-        offset = (np.arctan2(corners_y, corners_x) - centre + np.pi) % (2.0 * np.pi) - np.pi
-        return float(centre + offset.min()), float(centre + offset.max())
-
-    def hits(self, x: float, y: float, azimuth: Floats) -> Hits:
-        """Meet rays from (x, y) with azimuths inside `span`."""
-        return self._hits_round(x, y, azimuth) if self.round else self._hits_box(x, y, azimuth)
-
-    def _hits_box(self, x: float, y: float, azimuth: Floats) -> Hits:
-        cos, sin = np.cos(azimuth), np.sin(azimuth)
-        cos = np.where(np.abs(cos) < 1e-9, 1e-9, cos)
-        sin = np.where(np.abs(sin) < 1e-9, 1e-9, sin)
-        (x0, y0, _), (x1, y1, _) = self.low, self.high
-        to_x = np.where(cos > 0, x0 - x, x1 - x) / cos
-        to_y = np.where(sin > 0, y0 - y, y1 - y) / sin
-        near = np.maximum(to_x, to_y)
-        far = np.minimum(np.where(cos > 0, x1 - x, x0 - x) / cos, np.where(sin > 0, y1 - y, y0 - y) / sin)
-        on_x = to_x > to_y
-        length, depth = x1 - x0, y1 - y0
-        along_x, along_y = np.clip(x + near * cos - x0, 0, length), np.clip(y + near * sin - y0, 0, depth)
-        u_x_face = np.where(cos > 0, 2 * length + 2 * depth - along_y, length + along_y)
-        u_y_face = np.where(sin > 0, along_x, 2 * length + depth - along_x)
-        u = np.where(on_x, u_x_face, u_y_face)
-        return Hits(near, np.maximum(far, near), u, np.where(on_x, np.abs(cos), np.abs(sin)))
-
-    def _hits_round(self, x: float, y: float, azimuth: Floats) -> Hits:
-        radius = (self.high[0] - self.low[0]) / 2.0
-        to_x, to_y = (self.low[0] + self.high[0]) / 2.0 - x, (self.low[1] + self.high[1]) / 2.0 - y
-        cos, sin = np.cos(azimuth), np.sin(azimuth)
-        along, aside = to_x * cos + to_y * sin, to_x * sin - to_y * cos
-        half = np.sqrt(np.maximum(radius**2 - aside**2, 0.0))
-        near = along - half
-        angle = np.arctan2(near * sin - to_y, near * cos - to_x)
-        return Hits(near, along + half, radius * (angle % (2.0 * np.pi)), np.maximum(half / radius, 1e-3))
 
 
 Crowd = Callable[[float], tuple[Solid, ...]]
@@ -178,11 +114,14 @@ def far_to_near(solids: tuple[Solid, ...], x: float, y: float, z: float) -> list
     np.fill_diagonal(beyond, True)
     distance = np.hypot(*(np.clip(camera[:2], low[:, :2], high[:, :2]) - camera[:2]).T)
     order: list[Solid] = []
+    may_hide = ~beyond
+    hidden = may_hide.sum(axis=1)  # how many of those left each may hide
     left = np.ones(len(solids), bool)
     for _ in solids:
-        free = left & beyond[:, left].all(axis=1)
+        free = left & (hidden == 0)
         candidates = np.flatnonzero(free if free.any() else left)
         pick = candidates[np.argmax(distance[candidates])]
         order.append(solids[pick])
         left[pick] = False
+        hidden -= may_hide[:, pick]
     return order

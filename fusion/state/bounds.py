@@ -38,16 +38,13 @@ def limit_turn(F: Array, Q: Array, P: Array, yaw: int) -> None:
         Q[:, yaw] *= share
 
 
-def forget_beyond(P: Array, yaw: int, yaws: npt.NDArray[np.bool_]) -> Array | None:
-    """Transformation of the errors that limits the yaw's sigma to `LOST_YAW`; None where it is below.
+def forget_beyond(P: Array, yaw: int, yaws: npt.NDArray[np.bool_]) -> Array:
+    """Transformation of the errors that limits the yaw's sigma to `LOST_YAW`; the unit matrix where it is below.
 
     Past yaws keep their difference to the present one, and its uncertainty.
     """
-    variance = float(P[yaw, yaw])
-    if variance <= LOST_YAW**2:
-        return None
     T = np.eye(len(P))
-    T[yaws, yaw] -= 1.0 - LOST_YAW / math.sqrt(variance)
+    T[yaws, yaw] -= 1.0 - min(LOST_YAW / math.sqrt(float(P[yaw, yaw])), 1.0)
     return T
 
 

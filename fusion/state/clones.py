@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from compass.tilt import Vector
+from fusion.record import record
 from fusion.state.ekf import CLONES
 from fusion.updates.image_timing import Exposure
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Clone:
     """A remembered yaw.
 
@@ -38,7 +39,7 @@ class Clone:
     long_baseline: bool = False
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Clones:
     """What each slot holds; None: nothing yet."""
 

@@ -17,6 +17,7 @@ from filterpy.kalman import ExtendedKalmanFilter
 from compass import wrap_angle
 from fusion.buffer.events import NONSENSE_RATE
 from fusion.config import FusionConfig
+from fusion.record import record
 from fusion.state.bounds import (
     LONGEST_STEP,
     LOST_YAW,
@@ -63,7 +64,7 @@ TURNING = np.s_[: State.ACCELERATION + 1, : State.ACCELERATION + 1]  # yaw, rate
 YAWS = np.array([s in (State.YAW, State.TRACK_REF, State.STILL_REF) or s >= State.CLONE for s in range(DIM)])
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Measurement:
     """A scalar measurement, linearised at the present state.
 
@@ -179,17 +180,21 @@ class YawEkf(ExtendedKalmanFilter):
 
     def predict_for(self, dt: float, *, still: bool = False, watched: bool = False) -> None:
         """Move the state on by `dt` seconds; `still`: without any change of the turn rate; `watched`: by a gyro."""
+        x, P = self.x, self.P
         self.F, self.Q = self.transition(min(dt, LONGEST_STEP), still=still, watched=watched)
-        limit_turn(self.F, self.Q, self.P, State.YAW)
         self.predict()  # type: ignore[no-untyped-call]
+        lost = self.P[State.YAW, State.YAW] > LOST_YAW**2
+        if lost:
+            self.x, self.P = x, P
+            limit_turn(self.F, self.Q, P, State.YAW)
+            self.predict()  # type: ignore[no-untyped-call]
         self.P = symmetric(self.P)
         if self.tape is not None:
             self.tape.append(Transition(self.F))
         del self.F, self.Q, self.x_prior, self.P_prior  # the timeline keeps states, and these fill a processor's cache
-        forgetting = forget_beyond(self.P, State.YAW, YAWS)
-        if forgetting is not None:
+        if lost:
             x = self.x
-            self.transform(forgetting)
+            self.transform(forget_beyond(self.P, State.YAW, YAWS))
             self.x = x
 
     def transition(self, dt: float, *, still: bool = False, watched: bool = False) -> tuple[Array, Array]:

@@ -1,10 +1,11 @@
-"""Noise of a gyro, learnt from its own samples: how they scatter about a smooth turn, and which are no news."""
+"""Noise of a gyro, learnt from its own samples: how they scatter about a smooth turn, and which are repeated."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import field
 
+from fusion.record import record
 from fusion.state.learnt_noise import LearntNoise
 
 # Not derived: `NOISE_FACTORS`, `NOISE_MEMORY`, `NOISE_TAIL`, `COARSEST`, `HOLDS`.
@@ -27,7 +28,7 @@ def third_difference(walk: float, ramp: float, dt: float) -> float:
     return walk**2 * max(6.0 * own - 8.0 * next_one + 2.0 * next_one * kept, 0.0)
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class GyroNoise:
     """What a gyro's samples say of their noise.
 

@@ -9,7 +9,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
+from operator import mul
+
+from fusion.record import record
 
 JITTERS = tuple(1e-4 * 10.0 ** (k / 4.0) for k in range(12))  # s, 0.1 to 56 ms of timestamp jitter
 # Not derived: `JITTER_MEMORY`, `JITTER_TAIL`, `FACTOR_TAIL`.
@@ -19,7 +22,7 @@ FACTORS = tuple(2.0 ** (k / 2.0) for k in range(-8, 5))  # 1/16 to 4, on what is
 FACTOR_TAIL = 30.0  # slips and starts are rare and large
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class LearntNoise:
     """What is known of a standard deviation: `known` if nothing else is, else log-weights of the squares it may have.
 
@@ -60,7 +63,8 @@ class LearntNoise:
         if not self.weights:
             return self.known**2
         shares = list(map(math.exp, self.weights))
-        return sum([share * square for share, square in zip(shares, self.squares, strict=True)]) / sum(shares)
+        total: float = sum(map(mul, shares, self.squares))
+        return total / sum(shares)
 
     def after(self, innovation: float, others: float, gain: float) -> LearntNoise:
         """After an innovation in which it shows `gain` times; `others` is the variance for all other reasons."""

@@ -17,7 +17,7 @@ from fusion.config import FusionConfig
 from fusion.imu.tilt import TILT_ERROR, BiasGain
 from fusion.samples import GyroSample
 from fusion.state.bounds import LONGEST_STEP
-from fusion.state.ekf import DIM, TURNING, Measurement, State, YawEkf
+from fusion.state.ekf import DIM, IDENTITY, TURNING, Measurement, State, YawEkf
 from fusion.state.process_models import turning
 from fusion.updates.gating import Gating
 
@@ -157,7 +157,7 @@ def cross_rate_at_rest(ekf: YawEkf, rate: float) -> Measurement:
 
 def turn_bias(ekf: YawEkf, before: BiasGain, now: BiasGain) -> None:
     """Turn the bias with the robot, from the tilt `before` to the one `now`."""
-    T = np.eye(DIM)
+    T = IDENTITY.copy()
     T[State.BIAS, State.BIAS] = now.own / before.own
     T[State.BIAS, State.CROSS_BIAS] = now.cross - before.cross * now.own / before.own
     ekf.transform(T)

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_left
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
-
-import numpy as np
 
 from compass.tilt import Vector
 from fusion.buffer.events import Sensor
 from fusion.imu.tilt import NEAR_NS
+from fusion.record import record
 from fusion.samples import GyroSample
-from fusion.state.ekf import DIM, State, YawEkf
+from fusion.state.ekf import IDENTITY, State, YawEkf
 
 if TYPE_CHECKING:
     from fusion.state.filter_state import FilterState
@@ -24,7 +22,7 @@ SHORTEST_STEP = 0.02  # s; over less the gyro's noise says more of its rate than
 CAUTION = 100.0  # the gyro's noise, as a turn rate that changes, must not drive the delay however long it lasts
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Exposure:
     """What happened between the exposure of an image and its stamp, as far as the delay is known.
 
@@ -58,7 +56,7 @@ class TrailPoint(NamedTuple):
     up: Vector | None
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class GyroTrail:
     """What a gyro claimed lately; between two samples the rate changes linearly, after the last it stays."""
 
@@ -134,7 +132,7 @@ def exposure(ekf: YawEkf, t_ns: int, trail: GyroTrail | None) -> Exposure:
 
 def clone_exposure(ekf: YawEkf, into: int, exposure: Exposure) -> None:
     """Copy the yaw that an image of the present stamp shows: that of its exposure, with its timestamp jitter."""
-    T = np.eye(DIM)
+    T = IDENTITY.copy()
     T[into] = T[State.YAW]
     T[into, State.CAMERA_DELAY] = -exposure.rate
     if exposure.watched:

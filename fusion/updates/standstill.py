@@ -18,6 +18,7 @@ from compass import YawIncrement, wrap_angle
 from fusion.buffer.events import CompassEvent, FusionEvent, GyroEvent, Sensor, TracksEvent
 from fusion.checks.silence import SILENT_NS
 from fusion.config import FusionConfig
+from fusion.record import record
 from fusion.samples import OdometrySample
 from fusion.state.ekf import DIM, Measurement, State, YawEkf
 
@@ -41,7 +42,7 @@ BLIND = 0.02  # rad; an increment with a larger standard deviation misses how a 
 MOTION_SIGMAS = 4.0  # standard deviations that make a sign of motion
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Running:
     """Mean and scatter of a series, one value at a time (Welford 1962, doi:10.1080/00401706.1962.10490022)."""
 
@@ -108,7 +109,7 @@ class CompassTurn:
         return math.sqrt(self.turn_variance) / seconds if seconds > 0.0 else math.inf
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Stillness:
     """What each sensor has shown since the last sign of motion at `since_ns`, and whether that is standstill.
 

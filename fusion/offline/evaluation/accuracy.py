@@ -10,8 +10,11 @@ from pathlib import Path
 import numpy as np
 
 from compass.errors import VisualCompassError
-from fusion.offline.evaluate import PAPER, Outcome
-from fusion.offline.evaluation_report import Summary, drift_rows, summarise_outcomes, verdict_lines
+from fusion.offline.evaluation.outcome import Outcome
+from fusion.offline.evaluation.summary import Summary, summarise_outcomes
+from fusion.offline.evaluation.tables import drift_rows
+from fusion.offline.evaluation.tracks import PAPER
+from fusion.offline.evaluation.verdicts import verdict_lines
 from fusion.offline.gps import Drift
 from fusion.offline.markdown import markdown_table
 from fusion.offline.scores import COMPASS, FUSED, GYRO, SMOOTHED, TRACKS

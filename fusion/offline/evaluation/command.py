@@ -5,26 +5,22 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Sequence
-from dataclasses import replace
+from itertools import product
 from pathlib import Path
 
+from compass.config import METHODS
 from compass.errors import VisualCompassError
 from compass.methods.registry import find_method
-from fusion.offline.accuracy import HEADLINES, SECTION, accuracy_section, headline_section
 from fusion.offline.atomic_output import refuse_existing, staged_file
 from fusion.offline.bag import BagError
-from fusion.offline.console import table
-from fusion.offline.evaluate import Outcome, evaluate_bag, evaluate_experiments
-from fusion.offline.evaluation_report import (
-    SavedEvaluation,
-    as_json,
-    drift_table,
-    from_json,
-    full_table,
-    short_table,
-    summarise_outcomes,
-    verdict_lines,
-)
+from fusion.offline.evaluation.accuracy import HEADLINES, SECTION, accuracy_section, headline_section
+from fusion.offline.evaluation.bags import evaluate_bag
+from fusion.offline.evaluation.experiments import evaluate_experiments
+from fusion.offline.evaluation.outcome import Outcome
+from fusion.offline.evaluation.saved import as_json, join_saved, read_saved
+from fusion.offline.evaluation.summary import summarise_outcomes
+from fusion.offline.evaluation.tables import drift_table, full_table, short_table, world_table
+from fusion.offline.evaluation.verdicts import verdict_lines
 from fusion.offline.foreign_yaw import read_yaws
 from fusion.offline.gps import Drift
 from fusion.offline.markdown import write_section
@@ -33,14 +29,14 @@ from fusion.offline.topics import TopicRequest
 from fusion.settings import Settings
 from fusion.simulation import EXPERIMENTS
 from fusion.simulation.experiments import find_experiment
-from fusion.simulation.worlds import HELD_OUT_WORLDS, TUNED_WORLDS
+from fusion.simulation.worlds import HELD_OUT_WORLDS, TUNED_WORLDS, choose_world
 
 ALL_WORLDS = "all"
 
 
 def run_evaluation(
     what: Sequence[str],
-    seeds: int,
+    seeds: Sequence[int],
     settings: Settings,
     request: TopicRequest,
     metric: str = "all",
@@ -48,7 +44,7 @@ def run_evaluation(
     workers: int | None = None,
     smooth: bool = False,
     worlds: str = HELD_OUT_WORLDS,
-    methods: Sequence[str] = (),
+    methods: Sequence[str] = METHODS,
     yaws: Sequence[Path] = (),
     markdown_file: Path | None = None,
     headline_file: Path | None = None,
@@ -59,9 +55,11 @@ def run_evaluation(
     Parameters
     ----------
     what : sequence of str
-        Names of experiments, bags with ground truth, and files that `json_file` wrote before.
+        Names of experiments, bags with ground truth, and files that `json_file` wrote before, which are joined.
+    seeds : sequence of int
+        Of the experiments.
     methods : sequence of str
-        Further methods of the compass, ``"module:function"``.
+        Of the compass, by name or as ``"module:function"``.
     yaws : sequence of Path
         TUM files of somebody else's yaw, scored beside ours on the bag.
     markdown_file : Path or None
@@ -74,34 +72,43 @@ def run_evaluation(
     Raises
     ------
     VisualCompassError
-        An experiment or a world is unknown, or a bag or a file cannot be used.
+        An experiment, a world or a method is unknown, or a bag or a file cannot be used.
     """
     if json_file is not None and json_file.exists() and not force:
         _read_earlier(json_file)
     files = [Path(name) for name in what if name not in EXPERIMENTS and Path(name).exists()]
-    saved = [_read_saved(path) for path in files if path.suffix == ".json"]
+    earlier = [path for path in files if path.suffix == ".json"]
+    saved = join_saved(earlier)
     bags = [path for path in files if path.suffix != ".json"]
     names = [find_experiment(name).name for name in what if Path(name) not in files]
     if not what:
         names = list(EXPERIMENTS)
+    kinds = ((TUNED_WORLDS, HELD_OUT_WORLDS) if worlds == ALL_WORLDS else (worlds,)) if names else ()
+    drives = product(names, seeds, kinds)
+    planned = {(name, seed, choose_world(EXPERIMENTS[name], seed, kind).name) for name, seed, kind in drives}
+    for one in saved.outcomes if saved else ():
+        if (one.drive, one.seed, one.world) in planned:
+            raise VisualCompassError(
+                f"{one.drive} of seed {one.seed} is in a file already; go on with --first-seed {max(seeds) + 1}"
+            )
     for name in methods:
         find_method(name)  # before hours have passed
     foreign = read_yaws(yaws)
     if foreign and len(bags) != 1:
         raise VisualCompassError(f"--yaw belongs to one bag, and {len(bags)} are given; name the one it was driven in")
-    default = saved[0].default if saved else settings.compass.method
+    default = saved.default if saved else settings.compass.method
     outcomes: list[Outcome] = []
     parts: list[str] = []
-    for kind in ((TUNED_WORLDS, HELD_OUT_WORLDS) if worlds == ALL_WORLDS else (worlds,)) if names else ():
+    for kind in kinds:
         found = evaluate_experiments(names, seeds, settings, workers or os.cpu_count() or 1, smooth, kind, methods)
-        parts += _tables(found, default, metric, f"{seeds} seed{'s' if seeds > 1 else ''}, {kind} worlds")
+        parts += _tables(found, default, metric, f"{len(seeds)} seed{'s'[: len(seeds) > 1]}, {kind} worlds")
         outcomes += found
     drifts: dict[str, dict[str, Drift]] = {}
     warnings = {}
-    for path, one in zip((path for path in files if path.suffix == ".json"), saved, strict=True):
-        parts += _tables(one.outcomes, default, metric, str(path)) if one.outcomes else []
-        outcomes += one.outcomes
-        drifts |= one.drifts
+    if saved:
+        parts += _tables(saved.outcomes, default, metric, ", ".join(map(str, earlier))) if saved.outcomes else []
+        outcomes += saved.outcomes
+        drifts |= saved.drifts
     if any(one.world for one in outcomes):
         parts.append(world_table([one for one in outcomes if one.world]))
     for bag in bags:
@@ -126,17 +133,10 @@ def run_evaluation(
     return "\n\n".join(part for part in parts if part)
 
 
-def _read_saved(path: Path) -> SavedEvaluation:
-    try:
-        return from_json(json.loads(path.read_text(encoding="utf-8")))
-    except (OSError, ValueError) as error:  # also what is no JSON, and no UTF-8
-        raise VisualCompassError(f"{path}: {error}; give a file that evaluate --json wrote") from error
-
-
 def _read_earlier(path: Path) -> None:
     """Refuse a file that no evaluation wrote."""
     try:
-        _read_saved(path)
+        read_saved(path)
     except VisualCompassError:
         refuse_existing(path)
 
@@ -146,19 +146,3 @@ def _tables(outcomes: Sequence[Outcome], default: str, metric: str, what: str) -
     summaries = summarise_outcomes(outcomes)
     shown = full_table(summaries, default) if metric == "all" else short_table(summaries, default, metric)
     return [f"errors in deg, {what}\n{shown}", "\n".join(verdict_lines(summaries, default))]
-
-
-def world_table(outcomes: Sequence[Outcome]) -> str:
-    """RMS of every source by world, all drives in it taken together; the experiments' own places in one line."""
-    own = "own place (tuned)"
-    by_world = summarise_outcomes([replace(one, drive=one.world if one.held_out else own) for one in outcomes])
-    sources = list(dict.fromkeys(source for found in by_world.values() for source in found))
-    drives = {
-        world: len({(one.drive, one.seed) for one in outcomes if (one.world if one.held_out else own) == world})
-        for world in by_world
-    }
-    rows = [
-        [world, str(drives[world]), *(f"{found[source].rms:.2f}" if source in found else "" for source in sources)]
-        for world, found in sorted(by_world.items())
-    ]
-    return f"RMS in deg by world\n{table(('world', 'drives', *sources), rows)}"

@@ -1,0 +1,50 @@
+"""What an exception of the bag library means to the user."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+from fusion.offline.storage import MCAP, ROS1, kind_of
+
+_CUT = ("truncated", "end magic", "index", "could not read", "expected", "malformed", "footer", "seek")
+# how other systems call their encodings where the library knows none but those of ROS 2
+_FOREIGN = ("ros1msg", "protobuf", "jsonschema", "flatbuffer", "json", "ros1", "cbor", "msgpack")
+OURS = "only those of ROS 2 (cdr, ros2msg or ros2idl) are read"
+
+
+def explain(error: Exception, path: Path, names: Mapping[str, str]) -> str:
+    """Whether the file ends too early, or is of another system, and what helps.
+
+    Parameters
+    ----------
+    error : Exception
+        Of the bag library, whose parsers meet hostile bytes with exceptions of every kind.
+    path : Path
+        The bag.
+    names : mapping of str to str
+        How the files that are read are called by the user.
+    """
+    detail = " ".join(str(error).split()).rstrip(".") or type(error).__name__
+    for readable, name in names.items():
+        detail = detail.replace(readable, name)
+    if isinstance(error, OSError) and error.strerror:
+        return f"cannot be read: {error.strerror}"
+    if isinstance(error, KeyError) and detail.strip("'") in _FOREIGN:
+        return f"its messages are encoded as {detail}; {OURS}"
+    if "missing tables" in detail:
+        return "an SQLite database, but no bag: it has no tables 'messages' and 'topics'"
+    if path.name.endswith(".active"):
+        return f"the recorder did not finish it ({detail}); {_remedy(path)}"
+    cut = any(word in detail.lower() for word in _CUT)
+    return f"bag is {'truncated or ' if cut else ''}damaged ({detail}); {_remedy(path)}"
+
+
+def _remedy(path: Path) -> str:
+    """The tool that saves what can be saved of a bag."""
+    kind = "" if path.is_dir() else kind_of(path)
+    if kind == ROS1:
+        return f"'rosbag reindex {path.name}' may save it"
+    if kind == MCAP:
+        return f"'mcap recover {path.name} -o saved.mcap' may save it"
+    return f"'ros2 bag reindex {path.name}' may save it"
