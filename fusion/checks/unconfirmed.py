@@ -172,15 +172,11 @@ class Unconfirmed:
         """Whether the tracks say the same since then, well within noise that hides no turn."""
         if self.tracks is None:
             return True
-        return all(self._agrees(now, scaled) for scaled in (self.since, now))
-
-    def _agrees(self, now: Belief, scaled: Belief) -> bool:
-        """The same at the tracks' scale of one of the two times: the present one was learnt from who is in doubt."""
-        beyond = self._beyond(now, scaled)
-        claimed = now.yaw - self.since.yaw - beyond
-        if abs(beyond) > max(HIDES * max(abs(now.yaw - self.since.yaw), abs(claimed)), ALIKE_TURN):
+        beyond = self._beyond(now, now)
+        hidden = HIDES * max(abs(now.yaw - self.since.yaw), abs(self.tracks.turn_until(now.t_ns) / now.scale))
+        if abs(beyond) > max(hidden, ALIKE_TURN):
             return False
-        return beyond**2 <= WELL_WITHIN**2 * (self.noise + self._by_scale(now, scaled))
+        return beyond**2 <= WELL_WITHIN**2 * (self.noise + self._by_scale(now, now))
 
     def contradiction(self, now: Belief) -> float | None:
         """By how much the yaw has turned more than the tracks say, rad, where that cannot be their noise."""
@@ -210,6 +206,7 @@ class Unconfirmed:
     def variance(self, now: Belief, *, images: bool) -> float:
         """What it adds to that of the yaw, rad^2; `images`: no gyro, but images measure the turn, and tracks slip."""
         if self._witnessed(now):
+            # at the scale of both times: the present one was learnt from who is in doubt
             slip = SLIP**2 * self.noise if images else 0.0
             beyond = max(
                 self._beyond(now, scaled) ** 2 - ALIKE_TURN**2 - self._by_scale(now, scaled)
