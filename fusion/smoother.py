@@ -19,6 +19,7 @@ from fusion.buffer.events import (
     CompassEvent,
     FusionEvent,
     Sample,
+    Sensor,
     event_of,
     fault_of,
     needs_reference,
@@ -46,11 +47,14 @@ class Adjoint:
         (DIM,) and (DIM, DIM), see the module.
     confirmed : bool
         Whether two sensors agreed the next time that they were compared: then the yaw is not owed to one of them only.
+    imaged : bool
+        Whether an image that the gate accepts comes after: what one before it contradicted is then known.
     """
 
     l: Array  # noqa: E741 - the literature's lambda
     L: Array
     confirmed: bool = False
+    imaged: bool = False
 
     @staticmethod
     def zero() -> Adjoint:
@@ -60,12 +64,12 @@ class Adjoint:
     def before(self, step: Transition | Correction) -> Adjoint:
         """The adjoint before a step of the filter, this one holding after it."""
         if isinstance(step, Transition):
-            return Adjoint(step.F.T @ self.l, step.F.T @ self.L @ step.F, self.confirmed)
+            return replace(self, l=step.F.T @ self.l, L=step.F.T @ self.L @ step.F)
         H = step.H[0]
         A = np.eye(DIM) - np.outer(step.K[:, 0], step.H_after[0])
         weighted = H / step.S
         l = A.T @ self.l - weighted * step.innovation  # noqa: E741
-        return Adjoint(l, A.T @ self.L @ A + np.outer(H, weighted), self.confirmed)
+        return replace(self, l=l, L=A.T @ self.L @ A + np.outer(H, weighted))
 
     def between(self, before: FilterState, after: FilterState) -> Adjoint:
         """The adjoint with what an event says of who agrees, by the states before and after it."""
@@ -74,7 +78,8 @@ class Adjoint:
             confirmed = not after.isolation.alternatives
         if not before.isolation.contradicting >= after.isolation.contradicting:
             confirmed = False
-        return replace(self, confirmed=confirmed)
+        accepted = after.gates[Sensor.COMPASS].accepted_ns == after.t_ns
+        return replace(self, confirmed=confirmed, imaged=self.imaged or accepted)
 
     def smoothed(self, state: FilterState) -> FilterState:
         """A state of the filter with what comes after it taken in."""
@@ -83,7 +88,8 @@ class Adjoint:
             since = None
         smoothed = P - P @ self.L @ P
         np.fill_diagonal(smoothed, np.maximum(np.diagonal(smoothed), LINEAR * np.diagonal(P)))
-        return replace(state.at(state.x - P @ self.l, smoothed), unconfirmed=since, yaw_lead=0.0)
+        excess = state.image_excess if state.refusal or not self.imaged else 0.0
+        return replace(state.at(state.x - P @ self.l, smoothed), unconfirmed=since, image_excess=excess, yaw_lead=0.0)
 
 
 def ordered_events(samples: Iterable[Sample], config: FusionConfig) -> list[FusionEvent]:

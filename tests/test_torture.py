@@ -32,6 +32,13 @@ MET = [
     ("GC", "C", "frozen: no turn, and sure of it", "stop and go"),
     ("TC", "C", "crowd walks one way, 0.1 rad/s for 15 s", "slow camera"),
     ("GT", "G", "bias steps by 0.02 rad/s", "long legs"),
+    ("GC", "G", "bias steps by 0.02 rad/s", "stop and go"),  # the images contradict within their gate
+    ("GTC", "G", "bias steps by 0.02 rad/s", "slow camera"),  # a standing robot shows that the bias is another
+    ("GC", "G", "stuck at its last value", "stop and go"),
+    ("GC", "G", "sign reversed", "long legs"),  # who is excluded goes on from where the yaw had followed the other
+    ("TC", "C", "crowd walks one way, 0.1 rad/s for 15 s", "long legs"),  # the tracks' scale is learnt from the crowd
+    ("TC", "T", "stuck", "slow camera"),  # tracks that nobody confirms before the next image
+    ("GTC", "GT", "gyro silent while tracks slip", "slow camera"),
 ]
 
 

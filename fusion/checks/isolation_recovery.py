@@ -7,11 +7,12 @@ from dataclasses import replace
 
 from fusion.buffer.events import Sensor
 from fusion.checks.alternative import Alternative
-from fusion.checks.contradiction import contradict
+from fusion.checks.contradiction import CONTRADICTION_SIGMAS, contradict
 from fusion.checks.exclusion import Exclusion
 from fusion.checks.gyro_faults import TURNED, rebias, surely_gyro
 from fusion.checks.isolation import Isolation, Judged, Remedy
 from fusion.checks.windows import Claim, Window
+from fusion.updates.standstill import CREEP_RATE
 
 # Not derived: `TIMED`, `LONGEST_DELAY`, `SUSTAINED`.
 TIMED = 0.95  # of squared contradictions, explained by a time offset
@@ -39,6 +40,8 @@ def settle_alternatives(iso: Isolation, window: Window, bias: float) -> Judged:
         gyro, compass = window.gyro, window.compass
         if alternative.sensor is not Sensor.TRACKS and gyro and compass and contradict(gyro, compass, window.seconds):
             side = alternative.sensor is Sensor.COMPASS if surely_gyro(window, compass.turn) and side is None else side
+        if alternative.sensor is Sensor.GYRO and _other_bias_at_rest(alternative, window, bias):
+            side = False
         if side is False:  # it erred: the one that is followed is right
             iso = iso.without_alternative(alternative.sensor)
         elif side is True:
@@ -48,6 +51,15 @@ def settle_alternatives(iso: Isolation, window: Window, bias: float) -> Judged:
             iso = iso.without_alternative(alternative.sensor)
             remedies.append(Remedy(fold=alternative.variance(window.t_ns)))
     return iso, Remedy.of(remedies)
+
+
+def _other_bias_at_rest(alternative: Alternative, window: Window, bias: float) -> bool:
+    """Whether a standing robot shows that a gyro's bias is not any more what it was.
+
+    Tracks have to say that it stands: to images that do not turn with the robot, one that turns evenly does, too.
+    """
+    noise = CONTRADICTION_SIGMAS * window.bias_sigma
+    return window.stood and window.tracks is not None and abs(alternative.bias - bias) > max(noise, CREEP_RATE)
 
 
 def _follow(iso: Isolation, alternative: Alternative, window: Window) -> Judged:
@@ -69,8 +81,11 @@ def _as_before(iso: Isolation, alternative: Alternative, window: Window, bias: f
     if alternative.sensor is Sensor.TRACKS:
         turn = abs(reference.turn)  # so much that tracks that turn otherwise, or not at all, would not be as near
         return turn > max(TURNED, 2.0 * claim.sigma) and abs(claim.turn - reference.turn) < 0.5 * turn
-    off = alternative.turn(claim, window.seconds, bias) - reference.turn
-    return abs(off) <= 3.0 * math.hypot(claim.sigma, reference.sigma)
+    off, now = alternative.turn(claim, window.seconds, bias) - reference.turn, claim.turn - reference.turn
+    sigma = claim.sigma
+    if alternative.sensor is Sensor.GYRO:  # it has a bias of its own, and the present one's noise is not in it
+        sigma = math.sqrt(max(sigma**2 - (window.bias_sigma * window.seconds) ** 2, 0.0))
+    return abs(off) <= min(3.0 * math.hypot(sigma, reference.sigma), abs(now))
 
 
 def judge_excluded(iso: Isolation, window: Window, bias: float) -> Judged:
@@ -140,7 +155,7 @@ def as_it_was(iso: Isolation, alternative: Alternative, window: Window, bias: fl
         Alternative(
             Sensor.COMPASS,
             alternative.since_ns,
-            -alternative.offset,
+            compass.turn - window.followed - alternative.offset,  # in this window the yaw may have followed the gyro
             third=alternative.third.swapped(),
             until_ns=window.t_ns,
             rate=off / window.seconds,

@@ -113,6 +113,9 @@ class Unconfirmed:
         Variance of what the tracks claim since, rad^2, but for their scale.
     seen : Belief or None
         What was believed at the last image that passed the gate.
+    by_tracks : float
+        What of the yaw's variance, rad^2, the tracks alone have taken away since that image, and by how much they moved
+        the yaw, squared.
     beginning : bool
         Whether no two sensors have agreed yet: since the start, at which a robot is taken to stand.
     """
@@ -125,6 +128,7 @@ class Unconfirmed:
     pace_ns: int = SILENT_NS
     noise: float = 0.0
     seen: Belief | None = None
+    by_tracks: float = 0.0
     beginning: bool = False
 
     def is_alone(self, t_ns: int) -> bool:
@@ -143,7 +147,13 @@ class Unconfirmed:
         """After an image, whatever it says."""
         pace_ns = SILENT_NS if self.image_ns is None else min(now.t_ns - self.image_ns, SILENT_NS)
         pace_ns = self.pace_ns if now.t_ns == self.image_ns else pace_ns
-        return replace(self, image_ns=now.t_ns, pace_ns=pace_ns, seen=now if accepted else self.seen)
+        if not accepted:
+            return replace(self, image_ns=now.t_ns, pace_ns=pace_ns)
+        return replace(self, image_ns=now.t_ns, pace_ns=pace_ns, seen=now, by_tracks=0.0)
+
+    def told_by_tracks(self, variance: float) -> Unconfirmed:
+        """After tracks that nobody confirms before the next image; `variance` as in `by_tracks`."""
+        return replace(self, by_tracks=self.by_tracks + max(variance, 0.0))
 
     def with_window(self, window: Window | None) -> Unconfirmed:
         """After a window of turns."""
@@ -162,29 +172,29 @@ class Unconfirmed:
         """Whether the tracks say the same since then, well within noise that hides no turn."""
         if self.tracks is None:
             return True
-        beyond = self._beyond(now)
+        beyond = self._beyond(now, now)
         hidden = HIDES * max(abs(now.yaw - self.since.yaw), abs(self.tracks.turn_until(now.t_ns) / now.scale))
         if abs(beyond) > max(hidden, ALIKE_TURN):
             return False
-        return beyond**2 <= WELL_WITHIN**2 * (self.noise + self._by_scale(now))
+        return beyond**2 <= WELL_WITHIN**2 * (self.noise + self._by_scale(now, now))
 
     def contradiction(self, now: Belief) -> float | None:
         """By how much the yaw has turned more than the tracks say, rad, where that cannot be their noise."""
-        beyond = self._beyond(now)
+        beyond = self._beyond(now, now)
         if self.tracks is None or not self._witnessed(now):
             return None
-        noise = self.noise + self._by_scale(now) + ALIKE_TURN**2
+        noise = self.noise + self._by_scale(now, now) + ALIKE_TURN**2
         return beyond if beyond**2 > CONTRADICTION_SIGMAS**2 * noise else None
 
-    def _beyond(self, now: Belief) -> float:
-        """By how much the yaw has turned since then more than the tracks say, rad."""
-        claimed = self.tracks.turn_until(now.t_ns) / now.scale if self.tracks else 0.0
+    def _beyond(self, now: Belief, scaled: Belief) -> float:
+        """By how much the yaw has turned since then more than the tracks say, rad, at the scale of `scaled`."""
+        claimed = self.tracks.turn_until(now.t_ns) / scaled.scale if self.tracks else 0.0
         return now.yaw - self.since.yaw - claimed
 
-    def _by_scale(self, now: Belief) -> float:
-        """Variance that the tracks' scale gives to what they claim since then, rad^2."""
+    def _by_scale(self, now: Belief, scaled: Belief) -> float:
+        """Variance that this scale gives to what the tracks claim since then, rad^2."""
         claimed = self.tracks.turn_until(now.t_ns) if self.tracks else 0.0
-        return (now.scale_sigma * claimed / now.scale**2) ** 2
+        return (scaled.scale_sigma * claimed / scaled.scale**2) ** 2
 
     def blind(self, t_ns: int) -> Unconfirmed:
         """From a time on, ns, at which it shows that nobody can be believed to measure the turn rate."""
@@ -195,14 +205,15 @@ class Unconfirmed:
 
     def variance(self, now: Belief, *, images: bool) -> float:
         """What it adds to that of the yaw, rad^2; `images`: no gyro, but images measure the turn, and tracks slip."""
-        alike = ALIKE_TURN**2
-        if self.tracks is not None and self._witnessed(now):
-            beyond = self._beyond(now)
-            alike += self._by_scale(now)
-            if images:
-                beyond_slip = ALTERNATIVE_PROBABILITY[Sensor.GYRO] * max(beyond**2 - alike - SLIP**2 * self.noise, 0.0)
-                return beyond_slip + (self._beyond_rate(self.seen, now) if self.seen else 0.0)
-            return ALTERNATIVE_PROBABILITY[Sensor.GYRO] * max(beyond**2 - alike, 0.0)
+        if self._witnessed(now):
+            # at the scale of both times: the present one was learnt from who is in doubt
+            slip = SLIP**2 * self.noise if images else 0.0
+            beyond = max(
+                self._beyond(now, scaled) ** 2 - ALIKE_TURN**2 - self._by_scale(now, scaled)
+                for scaled in (self.since, now)
+            )
+            turned = self._beyond_rate(self.seen, now) if images and self.seen else 0.0
+            return ALTERNATIVE_PROBABILITY[Sensor.GYRO] * max(beyond - slip, 0.0) + turned
         last_ns = self.since.t_ns if self.image_ns is None else self.image_ns
         if self.blind_ns is None and now.t_ns - last_ns > PERIODS * self.pace_ns:
             return 0.0  # the camera has stopped, and the other sensor is alone, not unconfirmed

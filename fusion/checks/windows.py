@@ -110,6 +110,8 @@ class Start:
         Of the tracks.
     delay, delay_sigma : float
         Of the camera, s.
+    standing : bool
+        Whether the robot stood.
     """
 
     yaw: float = 0.0
@@ -122,14 +124,15 @@ class Start:
     scale_sigma: float = 0.0
     delay: float = 0.0
     delay_sigma: float = 0.0
+    standing: bool = field(default=False, kw_only=True)
 
     @staticmethod
-    def of(ekf: YawEkf) -> Start:
+    def of(ekf: YawEkf, *, standing: bool) -> Start:
         """What it knows now."""
         values: list[float] = []
         for state in (State.BIAS, State.GYRO_SCALE, State.SCALE, State.CAMERA_DELAY):
             values += float(ekf.x[state]), math.sqrt(float(ekf.P[state, state]))
-        return Start(float(ekf.x[State.YAW]), float(ekf.x[State.RATE]), *values)
+        return Start(float(ekf.x[State.YAW]), float(ekf.x[State.RATE]), *values, standing=standing)
 
 
 @record
@@ -260,6 +263,10 @@ class Window:
         Whether the odometry has ever said anything but zero.
     rate_change : float
         Of the turn rate between its ends, rad/s, as the filter has it.
+    bias_sigma : float
+        Standard deviation of the gyro bias at its beginning, rad/s.
+    stood : bool
+        Whether the robot stood at both ends.
     """
 
     start_ns: int
@@ -273,6 +280,8 @@ class Window:
     rate_change: float = 0.0
     gyro_beyond: bool = False
     corrected: float = 0.0
+    bias_sigma: float = 0.0
+    stood: bool = False
 
     def plus(self, later: Window) -> Window:
         """This window and the next one as one."""
@@ -289,6 +298,8 @@ class Window:
             self.rate_change + later.rate_change,
             self.gyro_beyond or later.gyro_beyond,
             self.corrected,
+            self.bias_sigma,
+            self.stood and later.stood,
         )
 
     @property

@@ -63,6 +63,8 @@ class FilterState:
         Since when the gyro has spoken without a pause.
     refusal : Refusal or None
         Increments that the gate refuses at present.
+    image_excess : float
+        Squared innovation of the last image beyond its variance, rad^2, whether it passed the gate or not.
     unconfirmed : Unconfirmed or None
         Since when only one sensor measures the turn; None before two have agreed.
     warnings : tuple of Warning
@@ -110,6 +112,7 @@ class FilterState:
     gyro_vague: bool = False
     gyro_since_ns: int | None = None
     refusal: Refusal | None = None
+    image_excess: float = 0.0
     unconfirmed: Unconfirmed | None = None
     warnings: tuple[Warning, ...] = ()
     trail: GyroTrail = field(default_factory=GyroTrail)
@@ -180,7 +183,7 @@ class FilterState:
         slipping = self.gates[Sensor.TRACKS].rejecting_since_ns is not None and self.hears(Sensor.COMPASS)
         slipping = slipping and self.believes(Sensor.GYRO) and not self.isolation.contradicted
         # tracks that have said nothing yet but zero may begin to speak before the next window is over
-        witness = self._speaks(Sensor.TRACKS) and (self.believes(Sensor.GYRO) or self.only_tracks_watch)
+        witness = self._speaks(Sensor.TRACKS) and (self.believes(Sensor.GYRO) or self.hears(Sensor.COMPASS))
         t_ns = self.t_ns or 0
         claims = TracksSince.begin(self.tracks.last, t_ns) if witness and not slipping and self.tracks else None
         if self.unconfirmed is None:
@@ -202,7 +205,11 @@ class FilterState:
         """What the yaw owes to one sensor only, rad^2."""
         if self.unconfirmed is None or (self.unconfirmed.beginning and not self.gates[Sensor.GYRO].report):
             return 0.0
-        return self.unconfirmed.variance(self.belief, images=self.only_tracks_watch) + self.against_tracks
+        slipped, unconfirmed = ALTERNATIVE_PROBABILITY[Sensor.TRACKS] * self.unconfirmed.by_tracks, self.unconfirmed
+        if not (self.believes(Sensor.GYRO) or self.believes(Sensor.TRACKS)):
+            unconfirmed = replace(unconfirmed, tracks=None)  # those that never spoke contradict nobody
+        variance = unconfirmed.variance(self.belief, images=self.only_tracks_watch) + self.against_tracks
+        return variance + (slipped if self.hears(Sensor.COMPASS) else 0.0)
 
     def is_blind(self, *, refused: bool) -> bool:
         """Whether no gyro and no compass can be believed to measure the turn rate; `refused`: the last image was.
@@ -211,7 +218,8 @@ class FilterState:
         """
         gyro, standing = self.turns.gyro, self.stillness.standing
         if self.believes(Sensor.GYRO):
-            return refused or (gyro is not None and gyro.repeats >= SAME_NUMBER and not standing)
+            stuck = self.gyro_noise.stuck or (gyro is not None and gyro.repeats >= SAME_NUMBER)
+            return refused or (stuck and not standing)
         return refused or (standing and not self.believes(Sensor.TRACKS))
 
     @property
@@ -280,7 +288,7 @@ def estimate_of(state: FilterState) -> YawEstimate | None:
         + state.isolation.variance(state.t_ns)
         + state.unconfirmed_variance
         + state.turn_count.variance
-        + (state.refusal.variance if state.refusal else 0.0),
+        + state.image_excess,
         turn_count_variance=state.turn_count.variance,
         yaw_rate=rate,
         yaw_rate_variance=float(P[State.RATE, State.RATE]) + (CREEP_RATE**2 if standing else 0.0),

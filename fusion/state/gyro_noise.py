@@ -42,8 +42,8 @@ class GyroNoise:
         Stamp of the first of these.
     rate : float or None
         The last sample, rad/s.
-    run, held : int
-        How often that number came in a row, and the one before.
+    run, held, longest : int
+        How often that number came in a row, the one before, and any before at most.
     holds : int
         How many numbers in a row came more than once.
     coarse : bool
@@ -58,6 +58,7 @@ class GyroNoise:
     rate: float | None = None
     run: int = 1
     held: int = 1
+    longest: int = 1
     holds: int = 0
     coarse: bool = False
     step: float = math.inf
@@ -80,17 +81,24 @@ class GyroNoise:
         """Whether a sample (rad/s) is the last one sent again: the resolution is finer than the noise `sigma`."""
         return self._again(rate) and self.holds >= HOLDS and self.run < 2 * self.held and self.step < sigma
 
+    @property
+    def stuck(self) -> bool:
+        """Whether one number comes again and again, more than twice as often as any did before."""
+        return self.run > 2 * self.longest
+
     def _again(self, rate: float) -> bool:
         return self.rate is not None and abs(rate - self.rate) <= SAME
 
     def after(self, t_ns: int, rate: float, sigma: float, walk: float, ramp: float) -> GyroNoise:
         """After a sample of a gyro whose noise is configured as `sigma`, rad/s; the rest as `third_difference`."""
-        run, held, holds, coarse, step = self.run, self.held, self.holds, self.coarse, self.step
+        run, held, longest, holds = self.run, self.held, self.longest, self.holds
+        coarse, step = self.coarse, self.step
         if self.rate is not None:
             change = abs(rate - self.rate)
             if change <= SAME:
                 run, coarse = run + 1, True
             else:
+                longest = max(longest, run)
                 held, run, holds = run, 1, holds + 1 if run > 1 else 0
                 step = min(step, change)
         rates, since_ns, factor = (*self.rates, rate), self.since_ns if self.rates else t_ns, self.factor
@@ -99,4 +107,4 @@ class GyroNoise:
             motion = third_difference(walk, ramp, (t_ns - since_ns) * 1e-9 / 3.0) / 20.0
             factor = factor.after((d - a + 3.0 * (b - c)) / math.sqrt(20.0), motion, sigma)
             rates = ()
-        return GyroNoise(factor, rates, since_ns, rate, run, held, holds, coarse, step)
+        return GyroNoise(factor, rates, since_ns, rate, run, held, longest, holds, coarse, step)

@@ -107,8 +107,13 @@ class CompassUpdate:
         if verdict is None or excluded:
             ekf.anchor(since, measurement)
             state.clones = state.clones.placed(slot, event.t_ns)
-        if verdict is None or excluded or increment.long_baseline:
+        if increment.long_baseline:
             return
+        state.image_excess = 0.0
+        if verdict is None or excluded:
+            return
+        if verdict is not Verdict.RECOVERED:
+            state.image_excess = max(measurement.innovation**2 - expected.S, 0.0)
         again = state.refusal is not None and state.refusal.is_repeated_by(increment, measurement.innovation)
         if verdict is Verdict.RECOVERED or (verdict is Verdict.REJECTED and (moved or (again and not witnessed))):
             self._isolation.recover(state, measurement, since, until, witnessed=witnessed and not moved)

@@ -73,7 +73,7 @@ class FaultIsolation:
                 state.trail = GyroTrail()
             if state.isolation.excludes(Sensor.COMPASS):
                 state.refusal = None
-        state.turns = state.turns.anew(t_ns, Start.of(ekf), increment)
+        state.turns = state.turns.anew(t_ns, Start.of(ekf, standing=state.stillness.standing), increment)
         return moved
 
     def _apply(self, state: FilterState, remedy: Remedy) -> bool:
@@ -128,6 +128,8 @@ class FaultIsolation:
             float(x[State.RATE]) - turns.start.rate,
             turns.gyro is not None and BEYOND * turns.gyro.beyond >= max(turns.gyro.count, BEYOND),
             turns.corrected,
+            turns.start.bias_sigma,
+            turns.start.standing and state.stillness.standing,
         )
 
     def note_refusal(

@@ -145,7 +145,11 @@ class OdometryUpdate:
             paused = modulo_turn and state.paused_ns > tracks.reference.t_ns
             if not paused or TurnCount().after(event.t_ns, measurement.innovation, expected.S).since_ns is None:
                 fastest = max(sample.yaw_rate, turn / seconds, key=abs)
+                yaw, variance = float(ekf.x[State.YAW]), float(ekf.P[State.YAW, State.YAW])
                 self._judge(state, measurement, expected, fastest, seconds, alone=alone)
+                if state.unconfirmed is not None:
+                    gained = variance - float(ekf.P[State.YAW, State.YAW]) + (float(ekf.x[State.YAW]) - yaw) ** 2
+                    state.unconfirmed = state.unconfirmed.told_by_tracks(gained)
             state.tracks = TrackClaim(sample, sample, 0.0)
             refer_tracks(ekf)
         else:
