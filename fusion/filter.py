@@ -136,13 +136,17 @@ class YawFilter:
     def _doubt(before: FilterState, state: FilterState, event: FusionEvent) -> None:
         """Keep for good what the yaw owes to a gyro that is found to err, but for what was taken back of it.
 
-        Those are two windows, or all since a reference from when two sensors last agreed.
+        Those are two windows, or all that an excluded compass claimed, or all since a reference from when two sensors
+        last agreed.
         """
         known, began_ns = before.unconfirmed, before.turns.start_ns
         if known is None or began_ns is None or not (before.believes(Sensor.GYRO) and not state.believes(Sensor.GYRO)):
             return
+        claimed, back_ns = before.isolation.alternative(Sensor.COMPASS), began_ns - WINDOW_NS
+        if claimed is not None and state.isolation.alternative(Sensor.COMPASS) is None:
+            back_ns = min(claimed.since_ns, back_ns)
         bridged = isinstance(event, CompassEvent) and event.sample.t_ref_ns <= known.since.t_ns
-        if state.isolation.excludes(Sensor.GYRO) and known.since.t_ns < began_ns - WINDOW_NS and not bridged:
+        if state.isolation.excludes(Sensor.GYRO) and known.since.t_ns < back_ns and not bridged:
             state.ekf.widen_frame(before.unconfirmed_variance)
 
     def _confirm(self, before: FilterState, state: FilterState, event: FusionEvent) -> None:

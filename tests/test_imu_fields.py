@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 from tiny_bags import START_NS
 
 from fusion.imu.levelling import ImuConfig, ImuLevel
+from fusion.imu.vectors import turned
 from fusion.messages import MessageError, gyro_sample, odometry_sample
 from fusion.offline.bag import Bag
 from fusion.offline.bag_writer import BagWriter
@@ -256,6 +257,23 @@ def test_gyro_in_degrees_is_told_once_it_exceeds_what_gyros_measure():
     assert codes(level)[0] == "gyro_units"
     assert "deg/s" in level.warnings()[0].text
     assert codes(fed((t, w, a) for t, w, a, _ in drive())[0]) == []
+
+
+@pytest.mark.parametrize("hz", [10, 50, 100])
+def test_vertical_stays_upright_however_far_the_gyro_says_it_turns_between_two_samples(hz):
+    rng = np.random.default_rng(3)
+    for w in (3.0, math.degrees(0.8), math.degrees(3.0)):
+        level, _ = fed(
+            (START_NS + k * 10**9 // hz, (0.0, 0.0, w), (*rng.normal(0.0, 0.05, 2), G)) for k in range(8 * hz)
+        )
+        assert off_deg(level, UPRIGHT) < 0.5
+
+
+def test_fixed_direction_is_turned_as_a_rotation_does():
+    rate, fixed = (0.3, -2.0, 46.0), (0.6, 0.0, 0.8)
+    expected = Rotation.from_rotvec(np.multiply(-0.1, rate)).apply(fixed)
+    assert turned(fixed, rate, 0.1) == pytest.approx(tuple(expected), abs=1e-12)
+    assert turned(fixed, (0.0, 0.0, 0.0), 0.1) == fixed
 
 
 def test_warnings_go_when_their_cause_goes_and_reset_forgets_them():

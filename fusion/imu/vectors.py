@@ -45,9 +45,18 @@ def unit(values: Sequence[float] | None) -> Vector | None:
 
 
 def turned(fixed: Vector, rate: Vector, seconds: float) -> Vector:
-    """Where the IMU, turning at `rate` rad/s, sees a fixed direction after a short while; to first order."""
-    (x, y, z), (tx, ty, tz) = fixed, cross(rate, fixed)
-    return x - seconds * tx, y - seconds * ty, z - seconds * tz
+    """Where the IMU, turning at `rate` rad/s, sees a fixed direction after some seconds (Rodrigues' formula).
+
+    To the first order would do for the turns of a robot; a gyro in deg/s turns by a radian between two samples.
+    """
+    speed = math.sqrt(dot(rate, rate))
+    if not speed:
+        return fixed
+    angle = speed * seconds
+    c, s = math.cos(angle), math.sin(angle) / speed
+    along = (1.0 - c) * dot(rate, fixed) / (speed * speed)
+    (x, y, z), (wx, wy, wz), (tx, ty, tz) = fixed, rate, cross(rate, fixed)
+    return c * x - s * tx + along * wx, c * y - s * ty + along * wy, c * z - s * tz + along * wz
 
 
 def nearest_axis(direction: Vector) -> tuple[str, float]:
