@@ -41,6 +41,9 @@ class YawIncrement:
     long_baseline : bool
         Whether it comes from the corners of a view some seconds ago (`VisualCompass.long_baseline`). It goes with the
         increments from image to image, and ends and starts at images that they end at, too.
+    factor_sigma : float
+        Standard deviation of the factor by which this turn and all others may be wrong alike, beside `variance`: not 0
+        where the images show that they are no full circle.
     """
 
     t_ref_ns: int
@@ -51,6 +54,7 @@ class YawIncrement:
     turn: float | None = None
     tilt: tuple[float, float] = (0.0, 0.0)
     long_baseline: bool = False
+    factor_sigma: float = 0.0
 
     @property
     def far(self) -> bool:

@@ -234,7 +234,7 @@ class VisualCompass:
         if self._last is not None:
             waited_ns = self._order.waited_ns()
             self._last_variance += self._lost_turns.lose(strip.t_ns, self.config.max_yaw_rate, waited_ns)
-            self.yaw_variance = self._last_variance
+            self.yaw_variance = self._last_variance + self._factor_variance
         self._tilt = self._tilt_of(strip) or Tilted()
         self._unmatched_since_ns, self._sought_ns = None, strip.t_ns
         self._keyframe = self._last_view(self._last) if self._last is not None else None
@@ -299,7 +299,8 @@ class VisualCompass:
             before, yaw = now.before(turn, match.tilt)
         variance = match.variance_px2 * per_px**2 + before.variance(turn, self.config.tilt_sigma)
         self.yaw += wrap_angle(keyframe.yaw + yaw - self.yaw)
-        self.yaw_variance = self._last_variance = keyframe.variance + variance
+        self._last_variance = keyframe.variance + variance
+        self.yaw_variance = self._last_variance + self._factor_variance
         self._last = strip
         self._lost_turns.known(strip.t_ns)
         self._tilt = now
@@ -307,8 +308,22 @@ class VisualCompass:
         if match.spread_px > self._keyframe_spread:
             self._keyframe = self._last_view(strip)
         confidence = min(max(match.confidence, 0.0), 1.0)
-        self._last_increment = YawIncrement(reference_ns, strip.t_ns, yaw, variance, confidence, turn, match.tilt)
+        factor_sigma = self._factor_sigma
+        self._last_increment = YawIncrement(
+            *(reference_ns, strip.t_ns, yaw, variance, confidence, turn, match.tilt), factor_sigma=factor_sigma
+        )
         return self._last_increment
+
+    @property
+    def _factor_sigma(self) -> float:
+        """By what factor all turns may be wrong alike, a standard deviation."""
+        verdict = self.circle.verdict
+        return verdict.turn_factor_sigma if verdict else 0.0
+
+    @property
+    def _factor_variance(self) -> float:
+        """Of the accumulated yaw, rad^2."""
+        return (self._factor_sigma * self.yaw) ** 2
 
     def _repeat(self, keyframe: Strip, strip: Strip) -> YawIncrement | None:
         """The increment of an exact copy of the image before: the turn until that was taken, nothing of the time since.
@@ -324,5 +339,5 @@ class VisualCompass:
         copied = self._last_increment
         if copied is None or keyframe is self._last:
             copied = YawIncrement(keyframe.t_ns, strip.t_ns, 0.0, 0.0, 1.0, 0.0)
-        self.yaw_variance = self._last_variance + unseen
+        self.yaw_variance = self._last_variance + unseen + self._factor_variance
         return replace(copied, t_ns=strip.t_ns, variance=copied.variance + unseen)

@@ -133,6 +133,38 @@ def test_changed_size_is_judged_anew():
     assert compass.circle.verdict is None
 
 
+def twin_ends(image):
+    """Half a circle, the grey of whose ends was made alike, as in a street or a corridor."""
+    picture = half(image).astype(np.float32)
+    near = np.clip(1.0 - np.minimum(np.arange(WIDTH), np.arange(WIDTH)[::-1]) / 8.0, 0.0, 1.0)
+    return (picture * (1.0 - near) + 120.0 * near).astype(np.uint8)
+
+
+def test_half_a_circle_whose_ends_look_alike_is_told_by_what_crosses_them():
+    verdict, full = verdict_of(twin_ends, frames=50), verdict_of(whole, frames=50)
+    assert abs(verdict.seam) < full_circle.OPEN
+    assert verdict.crossing < 0.5 < 0.95 < full.crossing
+    assert "does not come in at the other" in verdict.fault
+    assert full.fault == ""
+
+
+@pytest.mark.parametrize("make", [with_border, with_mast_at_the_seam, with_mast_in_the_middle])
+def test_what_belongs_to_the_robot_crosses_nothing(make):
+    crossing = verdict_of(make, frames=50).crossing
+    assert math.isnan(crossing) or crossing > full_circle.CROSSES
+
+
+@pytest.mark.parametrize(("make", "sigma"), [(whole, 0.0), (half, 0.5), (twice, 0.5)])
+def test_yaw_of_no_full_circle_may_be_wrong_by_a_factor(make, sigma):
+    compass, given = VisualCompass(CompassConfig(method="rows")), []
+    for index in range(2 * VIEWS + 1):
+        image = make(as_bytes(shifted(SCENE, STEP * index), 2.0, index))
+        given.append(compass.update(START_NS + index * FRAME_NS, image))
+    assert given[-1].factor_sigma == sigma
+    assert math.sqrt(compass.yaw_variance) == pytest.approx(sigma * abs(compass.yaw), abs=0.02)
+    assert given[1].factor_sigma == 0.0
+
+
 @pytest.mark.parametrize("name", PHOTO_NAMES)
 def test_photographs_are_told_from_their_halves(name):
     panorama = cv2.resize(photo(name), (WIDTH, HEIGHT), interpolation=cv2.INTER_AREA)

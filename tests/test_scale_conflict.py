@@ -37,3 +37,21 @@ def test_yaw_owns_up_to_a_conflict_of_scales(gyro, compass):
         assert widest < math.radians(1.0)
     else:
         assert named == {"compass+gyro"}
+
+
+@pytest.mark.parametrize(("who", "widened"), [((YawIncrement,), True), ((YawIncrement, GyroSample), False)])
+def test_images_that_are_no_full_circle_leave_the_yaw_unknown_by_a_factor_where_no_gyro_turns_along(who, widened):
+    rate = np.convolve(np.repeat([0.2, 0.15, 0.25, 0.1], 4 * HZ), np.hanning(HZ) / np.hanning(HZ).sum(), "same")
+    eyes = Eyes(hold=5.0, noise=2e-4, lasts=8e-5, time=6.0, claims_all=False)
+    drive = sensed(np.random.default_rng(3), rate, np.full(rate.size, 0.8), hertz=(50, 20, 5), eyes=eyes)
+    pipeline = YawPipeline()
+    for sample in drive.samples:
+        if isinstance(sample, who):
+            says_so = isinstance(sample, YawIncrement) and sample.t_ns > 2_000_000_000
+            pipeline.add(replace(sample, factor_sigma=0.5) if says_so else sample)
+    estimate = pipeline.estimate()
+    sigma = math.sqrt(estimate.yaw_variance)
+    if widened:
+        assert sigma == pytest.approx(0.5 * estimate.yaw, rel=0.05)
+    else:
+        assert sigma < math.radians(1.0)

@@ -27,23 +27,27 @@ class ScaleConflict:
         Excess of the gyro's scale factor over the compass's, as learnt.
     sigma : float
         Standard deviation of the yaw as a part of the turn since `yaw`; 0 where they do not differ.
+    images : float
+        The same by what the images say of themselves, where no gyro contradicts.
     """
 
     yaw: float
     since_ns: int | None = None
     scale: float = 0.0
     sigma: float = 0.0
+    images: float = 0.0
 
-    def after(self, t_ns: int, scale: float, variance: float, prior_sigma: float) -> ScaleConflict:
+    def after(self, t_ns: int, scale: float, variance: float, prior_sigma: float, images: float = 0.0) -> ScaleConflict:
         """With a scale that was learnt at `t_ns`, of a `variance`; up to `SIGMAS` of the prior it is the gyro's own."""
         if abs(scale) <= SIGMAS * prior_sigma:
-            return self if self.since_ns is None else ScaleConflict(self.yaw)
+            known = self.since_ns is None and self.images == images
+            return self if known else ScaleConflict(self.yaw, images=images)
         since_ns = t_ns if self.since_ns is None else self.since_ns
-        return replace(self, since_ns=since_ns, scale=scale, sigma=math.sqrt(scale**2 + variance))
+        return replace(self, since_ns=since_ns, scale=scale, sigma=math.sqrt(scale**2 + variance), images=images)
 
     def variance(self, yaw: float) -> float:
         """Variance, rad^2, of the turn up to a yaw, rad."""
-        return (self.sigma * (yaw - self.yaw)) ** 2
+        return (max(self.sigma, self.images) * (yaw - self.yaw)) ** 2
 
     def warnings(self) -> tuple[Warning, ...]:
         """Both claims in words, if they differ."""

@@ -46,9 +46,11 @@ class CompassUpdate:
             ekf.widen(State.YAW, before.scale_variance)
             state.aided_yaw = float(ekf.x[State.YAW])
         self._fuse(before, state, event)
-        scale = State.GYRO_SCALE
+        scale, images = State.GYRO_SCALE, state.scale_conflict.images
+        if not event.sample.long_baseline:
+            images = 0.0 if state.believes(Sensor.GYRO) else event.sample.factor_sigma
         state.scale_conflict = state.scale_conflict.after(
-            event.t_ns, float(ekf.x[scale]), float(ekf.P[scale, scale]), ekf.config.gyro_scale_sigma
+            event.t_ns, float(ekf.x[scale]), float(ekf.P[scale, scale]), ekf.config.gyro_scale_sigma, images
         )
         if state.turns.start_ns == event.t_ns != before.turns.start_ns:
             state.turns = replace(state.turns, corrected=float(ekf.x[State.YAW]) - state.turns.start.yaw)

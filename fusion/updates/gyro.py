@@ -63,6 +63,8 @@ class GyroUpdate:
             state.ekf.widen(State.RATE, sample.variance)  # it may be beyond what was said so far
         state.gyro_vague = vague
         if vague:
+            if state.turns.gyro is not None:  # nor did those before it that were at the end stop already
+                state.turns = replace(state.turns, gyro=None)
             return
         if state.gyro_noise.repeats(sample.yaw_rate, self._config.gyro_sigma):
             self._learn_noise(state, sample)
