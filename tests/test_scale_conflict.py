@@ -8,7 +8,7 @@ import pytest
 from robot_drive import HZ, Eyes, sensed
 
 from compass import YawIncrement
-from fusion import GyroSample, YawPipeline
+from fusion import FusionConfig, GyroSample, YawPipeline
 
 
 @pytest.mark.parametrize(("gyro", "compass"), [(1.0, 1.0), (1.0, 1.05), (1.0, 0.95), (1.05, 1.0)])
@@ -39,8 +39,8 @@ def test_yaw_owns_up_to_a_conflict_of_scales(gyro, compass):
         assert named == {"compass+gyro"}
 
 
-@pytest.mark.parametrize(("who", "widened"), [((YawIncrement,), True), ((YawIncrement, GyroSample), False)])
-def test_images_that_are_no_full_circle_leave_the_yaw_unknown_by_a_factor_where_no_gyro_turns_along(who, widened):
+@pytest.mark.parametrize(("who", "part"), [((YawIncrement,), 0.5), ((YawIncrement, GyroSample), FusionConfig.gyro_scale_sigma)])
+def test_images_that_are_no_full_circle_leave_the_yaw_unknown_by_a_factor_or_as_the_gyro_knows_it(who, part):
     rate = np.convolve(np.repeat([0.2, 0.15, 0.25, 0.1], 4 * HZ), np.hanning(HZ) / np.hanning(HZ).sum(), "same")
     eyes = Eyes(hold=5.0, noise=2e-4, lasts=8e-5, time=6.0, claims_all=False)
     drive = sensed(np.random.default_rng(3), rate, np.full(rate.size, 0.8), hertz=(50, 20, 5), eyes=eyes)
@@ -50,8 +50,4 @@ def test_images_that_are_no_full_circle_leave_the_yaw_unknown_by_a_factor_where_
             says_so = isinstance(sample, YawIncrement) and sample.t_ns > 2_000_000_000
             pipeline.add(replace(sample, factor_sigma=0.5) if says_so else sample)
     estimate = pipeline.estimate()
-    sigma = math.sqrt(estimate.yaw_variance)
-    if widened:
-        assert sigma == pytest.approx(0.5 * estimate.yaw, rel=0.05)
-    else:
-        assert sigma < math.radians(1.0)
+    assert math.sqrt(estimate.yaw_variance) == pytest.approx(part * estimate.yaw, rel=0.05)

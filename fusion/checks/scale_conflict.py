@@ -28,7 +28,7 @@ class ScaleConflict:
     sigma : float
         Standard deviation of the yaw as a part of the turn since `yaw`; 0 where they do not differ.
     images : float
-        The same by what the images say of themselves, where no gyro contradicts.
+        The same by what the images say of themselves, and as far as the gyro does not know better.
     """
 
     yaw: float

@@ -48,7 +48,8 @@ class CompassUpdate:
         self._fuse(before, state, event)
         scale, images = State.GYRO_SCALE, state.scale_conflict.images
         if not event.sample.long_baseline:
-            images = 0.0 if state.believes(Sensor.GYRO) else event.sample.factor_sigma
+            known = ekf.config.gyro_scale_sigma if state.believes(Sensor.GYRO) else math.inf
+            images = min(event.sample.factor_sigma, known)
         state.scale_conflict = state.scale_conflict.after(
             event.t_ns, float(ekf.x[scale]), float(ekf.P[scale, scale]), ekf.config.gyro_scale_sigma, images
         )
