@@ -39,7 +39,9 @@ def test_yaw_owns_up_to_a_conflict_of_scales(gyro, compass):
         assert named == {"compass+gyro"}
 
 
-@pytest.mark.parametrize(("who", "part"), [((YawIncrement,), 0.5), ((YawIncrement, GyroSample), FusionConfig.gyro_scale_sigma)])
+@pytest.mark.parametrize(
+    ("who", "part"), [((YawIncrement,), 0.5), ((YawIncrement, GyroSample), FusionConfig.gyro_scale_sigma)]
+)
 def test_images_that_are_no_full_circle_leave_the_yaw_unknown_by_a_factor_or_as_the_gyro_knows_it(who, part):
     rate = np.convolve(np.repeat([0.2, 0.15, 0.25, 0.1], 4 * HZ), np.hanning(HZ) / np.hanning(HZ).sum(), "same")
     eyes = Eyes(hold=5.0, noise=2e-4, lasts=8e-5, time=6.0, claims_all=False)
