@@ -134,6 +134,12 @@ SITUATIONS = {
     "gyro in deg/s, all sensors": Situation(gyro(lambda w, t: math.degrees(w)), sigma=3.0, codes=("gyro_units",)),
     "gyro in deg/s, with camera": Situation(gyro(lambda w, t: math.degrees(w)), NO_ODOMETRY, codes=("gyro_units",)),
     "gyro in deg/s, with tracks": Situation(gyro(lambda w, t: math.degrees(w)), NO_IMAGE, codes=("gyro_units",)),
+    "gyro of 3 deg/s at rest, with tracks": Situation(
+        gyro(lambda w, t: w + 0.05), NO_IMAGE, sigma=15.0, codes=("sensors_disagree_bias",)
+    ),
+    "gyro of 17 deg/s at rest, with tracks": Situation(
+        gyro(lambda w, t: w + 0.3), NO_IMAGE, sigma=15.0, codes=("sensors_disagree_bias",)
+    ),
     "gyro and accelerometer in turn": Situation(of(Imu, in_turn), sigma=1.0, codes=("imu_half_messages",)),
     "accelerometer, then gyro, of one stamp": Situation(of(Imu, in_two), sigma=1.0, codes=("imu_half_messages",)),
     "gyro of impossible numbers": Situation(gyro(lambda w, t: 1e300), sigma=1.0, codes=("samples_lost",)),

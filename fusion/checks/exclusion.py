@@ -37,6 +37,8 @@ class Exclusion:
     fitted : float or None
         Turn rate, rad/s, at which a gyro was given the bias with which it would agree. At that rate it agrees whatever
         is wrong with it; at another one only if that is its bias. None while it has erred at rest only: that is bias.
+    silent : bool
+        Whether it is excluded because it never said anything but zero.
     """
 
     sensor: Sensor
@@ -47,6 +49,7 @@ class Exclusion:
     windows: int = 1
     agreed: int = 0
     fitted: float | None = None
+    silent: bool = False
 
     def again(self, turn: float, size: float, window: Window) -> Exclusion:
         """After one more window with a contradiction by `size`, while the others turned by `turn`, rad."""
@@ -54,7 +57,10 @@ class Exclusion:
         turning, least_size = min(self.least_turn, abs(turn_rate)), min(self.least_size, abs(size))
         changing = min(self.least_change, abs(window.rate_change))
         fitted = turn_rate if self.fitted is not None or fits_anything(self.sensor, turn_rate, window) else None
-        return Exclusion(self.sensor, self.since_ns, turning, least_size, changing, self.windows + 1, fitted=fitted)
+        least = turning, least_size, changing
+        return Exclusion(
+            *(self.sensor, self.since_ns, *least, self.windows + 1), fitted=fitted, silent=not window.tracks_spoke
+        )
 
     def shows_well(self, claim: Claim, reference: Claim, window: Window) -> bool:
         """Whether it agrees with a reference in a window in which it would have been seen to err."""

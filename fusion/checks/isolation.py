@@ -162,7 +162,8 @@ class Isolation:
         rate = turn / window.seconds
         fitted = rate if fits_anything(sensor, rate, window) else None
         least = abs(rate), abs(size) / window.seconds, abs(window.rate_change)
-        one = Exclusion(sensor, window.start_ns, *least, fitted=fitted)
+        silent = sensor is Sensor.TRACKS and not window.tracks_spoke
+        one = Exclusion(sensor, window.start_ns, *least, fitted=fitted, silent=silent)
         counts = zip(self.strikes, Sensor, strict=True)
         strikes = tuple(min(count + (other is sensor), MOST_STRIKES) for count, other in counts)
         return replace(self, exclusions=(*self.trusting(sensor).exclusions, one), strikes=strikes)

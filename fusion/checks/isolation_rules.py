@@ -6,15 +6,16 @@ from dataclasses import replace
 
 from fusion.buffer.events import Sensor
 from fusion.checks.alternative import Alternative, Third
-from fusion.checks.contradiction import contradict
+from fusion.checks.contradiction import GROSS, contradict
 from fusion.checks.gyro_faults import TURNED, rebias, surely_gyro
 from fusion.checks.isolation import Isolation, Judged, Remedy
 from fusion.checks.isolation_recovery import as_it_was, judge_excluded, settle_alternatives, with_window
 from fusion.checks.windows import Claim, Window
 
-# Not derived: `LONG`, `STUCK`, `SLIPPED_ON`.
+# Not derived: `LONG`, `STUCK`, `SLIPPED_ON`, `STEADY`, `STEADY_WINDOWS`.
 LONG = 6.0  # s; in longer ones errors that last are no noise any more
 STUCK = 0.2  # ratio of turns; less is no scale factor
+STEADY, STEADY_WINDOWS = 0.2, 2  # by so much of itself a bias changes; windows that show it
 SLIPPED_ON = 3  # windows; tracks that slip for longer do not see the robot turn
 
 
@@ -108,6 +109,22 @@ def _against_the_turn(iso: Isolation) -> bool:
     return len(turns) >= SLIPPED_ON and sum(x * y for x, y in turns) < STUCK * sum(x * x for x, _ in turns)
 
 
+def _gyro_against_silence(iso: Isolation, gyro: Claim, tracks: Claim, window: Window, bias: float) -> Judged:
+    """A gyro turns while tracks have not said anything yet: it has another bias, or they do not work.
+
+    A robot stands when it is switched on. A gyro that has turned at one rate ever since has a bias; if the rate
+    changes, the tracks are dead.
+    """
+    off = tracks.turn - gyro.turn
+    rates = [one.gyro.turn / one.seconds for one in iso.evidence if one.gyro]
+    if max(rates) - min(rates) > max(STEADY * max(map(abs, rates)), GROSS):
+        return iso.excluding(Sensor.TRACKS, window, gyro.turn, off), Remedy()
+    if len(rates) < STEADY_WINDOWS:
+        return iso, Remedy()
+    iso = iso.excluding(Sensor.GYRO, window, tracks.turn, -off)
+    return iso, Remedy.of((iso.following(Sensor.TRACKS, window), rebias(gyro, tracks, window, bias)))
+
+
 def _tracks_against(iso: Isolation, leader: Claim, tracks: Claim, window: Window, bias: float) -> Judged:
     """The tracks slip, or err for good, or the only other sensor errs.
 
@@ -116,6 +133,8 @@ def _tracks_against(iso: Isolation, leader: Claim, tracks: Claim, window: Window
     gyro, compass = iso.trusted(Sensor.GYRO, window), iso.trusted(Sensor.COMPASS, window)
     off = tracks.turn - leader.turn
     hangs = gyro and window.gyro_repeats and not compass  # it turns by one number while tracks that may be sound stand
+    if gyro and not window.tracks_spoke and not (hangs or compass):
+        return _gyro_against_silence(iso, gyro, tracks, window, bias)
     if (not window.tracks_spoke and not hangs) or (gyro and compass):
         broken = not window.tracks_spoke or _against_the_turn(iso)
         return (iso.excluding(Sensor.TRACKS, window, leader.turn, off) if broken else iso), Remedy()
