@@ -51,6 +51,12 @@ def gyro(rate: Callable[[float, float], float]) -> Callable[[Message], object]:
     return of(Imu, lambda m: replace(m, rate=(0.0, 0.0, rate(m.rate[2], m.t))))
 
 
+def spikes(share: float, size: float) -> Callable[[Message], object]:
+    """Single samples of the gyro that are nonsense."""
+    hit = np.random.default_rng(0).random(1000) < share
+    return gyro(lambda w, t: size if hit[round(50.0 * t)] else w)
+
+
 def imu_clock(stamp: Callable[[float], float], kind: type = Imu) -> Callable[[Message], object]:
     """Other stamps, s since the bag began."""
     return of(kind, lambda m: replace(m, t_ns=START_NS + round(stamp(m.t) * 1e9)))
@@ -140,6 +146,8 @@ SITUATIONS = {
     "gyro of 17 deg/s at rest, with tracks": Situation(
         gyro(lambda w, t: w + 0.3), NO_IMAGE, sigma=15.0, codes=("sensors_disagree_bias",)
     ),
+    "gyro with spikes, with camera": Situation(spikes(0.02, -20.0), NO_ODOMETRY, sigma=0.5),
+    "gyro with many spikes, with camera": Situation(spikes(0.05, 8.0), NO_ODOMETRY, sigma=0.5),
     "gyro and accelerometer in turn": Situation(of(Imu, in_turn), sigma=1.0, codes=("imu_half_messages",)),
     "accelerometer, then gyro, of one stamp": Situation(of(Imu, in_two), sigma=1.0, codes=("imu_half_messages",)),
     "gyro of impossible numbers": Situation(gyro(lambda w, t: 1e300), sigma=1.0, codes=("samples_lost",)),

@@ -10,7 +10,7 @@ from fusion.checks.contradiction import contradict
 from fusion.checks.gyro_faults import surely_gyro
 from fusion.checks.isolation import Isolation
 from fusion.checks.isolation_rules import judge
-from fusion.checks.windows import Claim, Window
+from fusion.checks.windows import Claim, RateTurn, Window
 
 S = 500_000_000  # ns, a window
 
@@ -109,3 +109,51 @@ def test_no_scale_factor_makes_a_turn_of_none():
 def test_gyro_in_degrees_is_told_by_its_ratio_to_a_turn_that_is_large_enough(times, turn, surely):
     """A bias makes a ratio of 57 to a turn of half a degree."""
     assert surely_gyro(window(0, gyro=times * turn, compass=turn), rad(turn)) == surely
+
+
+def integral(rates, hz=50):
+    """Turn in rad of samples that are `hz` apart."""
+    turn = RateTurn.begun(0, rates[0])
+    for k, rate in enumerate(rates[1:], start=1):
+        turn = turn.add(k * 10**9 // hz, rate)
+    return turn.turn_until((len(rates) - 1) * 10**9 // hz)
+
+
+@pytest.mark.parametrize("spike", [[8.0], [-20.0], [8.0, 8.0, 8.0], [8.0, -8.0]])
+def test_turn_of_spikes_is_left_out(spike):
+    plain = [0.01 * k for k in range(100)]
+    spiked = [*plain[:40], *spike, *plain[40 + len(spike) :]]
+    assert integral(spiked) == pytest.approx(integral(plain), abs=1e-3)
+
+
+@pytest.mark.parametrize("off", [0.8, -2.0, 20.0])
+def test_turn_of_a_gyro_that_goes_on_so_counts(off):
+    rates = [0.1] * 40 + [0.1 + off] * 60
+    assert integral(rates) == pytest.approx(0.1 * 0.8 + (0.1 + off) * 1.18, rel=0.02)
+
+
+def standing(gyro_rates, tracks_speak_at=99):
+    """Windows of a gyro, deg in each, beside tracks that say zero; who is excluded after each."""
+    iso, bias, seen = Isolation(), 0.0, []
+    for index, turn in enumerate(gyro_rates):
+        claims = Claim(rad(turn) - bias * 0.5, rad(0.02)), Claim(0.0, rad(0.1)), None
+        one = Window(index * S, (index + 1) * S, *claims, 0.0, tracks_spoke=index >= tracks_speak_at)
+        iso, remedy = judge(iso, one, bias)
+        bias = bias if remedy.bias is None else remedy.bias
+        seen.append([exclusion.sensor for exclusion in iso.exclusions])
+    return seen, math.degrees(bias) * 0.5
+
+
+def test_gyro_that_turns_at_one_rate_beside_tracks_that_never_moved_has_a_bias():
+    seen, bias = standing([1.5, 1.52, 1.5, 1.5])
+    assert seen[0] == []
+    assert seen[1] == [Sensor.GYRO]
+    assert Sensor.TRACKS not in seen[-1]
+    assert bias == pytest.approx(1.5, abs=0.05)
+
+
+def test_tracks_that_never_moved_are_dead_where_the_rate_changes_and_heard_again_once_they_speak():
+    seen, bias = standing([1.5, 15.0, 15.0, 0.0, 0.0], tracks_speak_at=3)
+    assert seen[1] == seen[2] == [Sensor.TRACKS]
+    assert seen[3] == []
+    assert bias == 0.0

@@ -24,6 +24,7 @@ LONGEST_WINDOW_NS = 5_000_000_000  # a sensor's integral over longer says more o
 
 LONGEST_GAP = 0.4  # of a window, in which an integrated sensor may have been silent and still be a witness
 FASTEST_ROBOT = 4.0 * math.pi  # rad/s; two turns a second, faster than tracked robots spin
+FASTEST_CHANGE = FASTEST_ROBOT / 0.25  # rad/s^2; not derived
 BEYOND = 4  # one sample in so many of a window beyond that is no spike
 SAME_NUMBER = 10  # samples in a row that are one number: no gyro that works does that
 
@@ -31,6 +32,8 @@ SAME_NUMBER = 10  # samples in a row that are one number: no gyro that works doe
 @record
 class RateTurn:
     """Integral (rad) of a turn rate since `start_ns`, as the sensor gives it.
+
+    Spikes are left out: samples that no robot can have turned to since the last `steady` one, nor back from them.
 
     Attributes
     ----------
@@ -48,6 +51,10 @@ class RateTurn:
         Longest time between two samples.
     count, repeats, beyond : int
         How many samples; how many at the end were the same number; how many were beyond `FASTEST_ROBOT`.
+    steady_ns, steady_rate, steady_turn : int, float, float
+        Stamp, rate and integral at the last sample that was no spike.
+    spike : float
+        By how much the rate has gone off since, at most, rad/s.
     """
 
     start_ns: int
@@ -61,28 +68,47 @@ class RateTurn:
     count: int = 0
     repeats: int = 0
     beyond: int = 0
+    steady_ns: int = 0
+    steady_rate: float = 0.0
+    steady_turn: float = 0.0
+    spike: float = 0.0
+
+    @staticmethod
+    def begun(t_ns: int, rate: float, repeats: int = 0) -> RateTurn:
+        """From `t_ns` on, with the rate that is held since."""
+        return RateTurn(t_ns, t_ns, rate, rate, repeats=repeats, steady_ns=t_ns, steady_rate=rate)
 
     def add(self, t_ns: int, rate: float, speed: float = 0.0) -> RateTurn:
         """With one more sample (rad/s, m/s)."""
         dt_ns = t_ns - self.t_ns
         seconds = dt_ns * 1e-9
+        turn = self.turn + 0.5 * (self.rate + rate) * seconds
+        spike, off, within = self.spike, abs(rate - self.steady_rate), (t_ns - self.steady_ns) * 1e-9
+        if off > FASTEST_CHANGE * within:
+            steady, spike = (self.steady_ns, self.steady_rate, self.steady_turn), max(spike, off)
+        else:
+            if off < 0.5 * spike:  # it has come back
+                turn = self.steady_turn + 0.5 * (self.steady_rate + rate) * within
+            steady, spike = (t_ns, rate, turn), 0.0
         return RateTurn(
             self.start_ns,
             t_ns,
             self.start_rate,
             rate,
-            self.turn + 0.5 * (self.rate + rate) * seconds,
+            turn,
             self.distance + abs(speed) * seconds,
             self.unseen + ((rate - self.rate) * seconds) ** 2 / 12.0,
             max(self.gap_ns, dt_ns),
             self.count + 1,
             self.repeats + 1 if abs(rate - self.rate) <= SAME else 0,
             self.beyond + (abs(rate) > FASTEST_ROBOT),
+            *steady,
+            spike,
         )
 
     def anew(self, t_ns: int) -> RateTurn:
         """From `t_ns` on; the last rate is held until then."""
-        return RateTurn(t_ns, t_ns, self.rate, self.rate, repeats=self.repeats)
+        return RateTurn.begun(t_ns, self.steady_rate if self.spike else self.rate, self.repeats)
 
     def turn_until(self, t_ns: int) -> float:
         """Turn up to a time after the newest sample, whose rate is held."""
@@ -166,7 +192,7 @@ class Turns:
     def with_gyro(self, sample: GyroSample) -> Turns:
         """After a gyro sample."""
         t_ns, rate = sample.t_ns, sample.yaw_rate
-        gyro = self.gyro.add(t_ns, rate) if self.gyro else RateTurn(t_ns, t_ns, rate, rate)
+        gyro = self.gyro.add(t_ns, rate) if self.gyro else RateTurn.begun(t_ns, rate)
         # at every sample, and `replace` takes twice as long
         return Turns(
             self.start_ns,
@@ -182,7 +208,7 @@ class Turns:
     def with_tracks(self, sample: OdometrySample) -> Turns:
         """After an odometry sample."""
         t_ns, rate = sample.t_ns, sample.yaw_rate
-        tracks = self.tracks.add(t_ns, rate, sample.speed) if self.tracks else RateTurn(t_ns, t_ns, rate, rate)
+        tracks = self.tracks.add(t_ns, rate, sample.speed) if self.tracks else RateTurn.begun(t_ns, rate)
         return replace(self, tracks=tracks)
 
     def with_increment(self, increment: YawIncrement) -> Turns:

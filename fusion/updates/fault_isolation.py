@@ -73,6 +73,8 @@ class FaultIsolation:
                 state.trail = GyroTrail()
             if state.isolation.excludes(Sensor.COMPASS):
                 state.refusal = None
+                if not before.excludes(Sensor.COMPASS):  # it was learnt from images that may have erred for long
+                    ekf.renew(State.GYRO_SCALE, self._config.gyro_scale_sigma**2)
         state.turns = state.turns.anew(t_ns, Start.of(ekf, standing=state.stillness.standing), increment)
         return moved
 
