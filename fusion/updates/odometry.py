@@ -28,9 +28,10 @@ if TYPE_CHECKING:
     from fusion.state.filter_state import FilterState
     from fusion.updates.fault_isolation import FaultIsolation
 
-# Not derived: `LEAST_OTHERS`, `STAMPS_APART`, `TRACK_MEMORY`.
+# Not derived: `LEAST_OTHERS`, `STAMPS_APART`, `TRACK_MEMORY`, `LEAST_SCALE`.
 LEAST_OTHERS = 0.05  # share of an innovation's variance that is no slip, at least: what correlations hide of it
 STAMPS_APART = 4.0  # times by how much they may be off, between odometry samples whose difference in yaw is a turn rate
+LEAST_SCALE = 0.2  # of the expected one: tracks that claim less of a turn have stood, it is no factor
 TRACK_MEMORY = 300.0  # turns of the tracks; some minutes
 
 
@@ -175,9 +176,9 @@ class OdometryUpdate:
         verdict = self._gating.judge(state, Sensor.TRACKS, measurement, expected)
         if not alone and verdict is Verdict.ACCEPTED:
             state.slip_turn, state.slip_speed = learnt
-        elif verdict is Verdict.RECOVERED:
-            # the ground has changed: learn the scale anew, and how the tracks slip on it
+        elif verdict is Verdict.RECOVERED:  # the ground has changed: learn anew how the tracks slip on it
             state.slip_turn, state.slip_speed = self._slip, self._slip
+        if verdict is Verdict.RECOVERED or float(ekf.x[State.SCALE]) < LEAST_SCALE * config.initial_scale:
             ekf.renew(State.SCALE, config.initial_scale_sigma**2, config.initial_scale)
 
 
