@@ -132,6 +132,19 @@ def test_turn_of_a_gyro_that_goes_on_so_counts(off):
     assert integral(rates) == pytest.approx(0.1 * 0.8 + (0.1 + off) * 1.18, rel=0.02)
 
 
+def test_tracks_turn_as_their_poses_say_where_they_have_any():
+    yaw = [0.2 * k * 0.1 for k in range(30)]
+    turn = RateTurn.begun(0, 0.0, yaw[0])
+    for k in range(1, 15):
+        turn = turn.add(k * 10**8, 0.0, yaw=yaw[k])  # its rate lags
+    assert turn.turn == pytest.approx(yaw[14])
+    later = turn.anew(1_450_000_000)
+    for k in range(15, 30):
+        later = later.add(k * 10**8, 0.0, yaw=yaw[k])
+    assert later.turn_until(2_900_000_000) == pytest.approx(0.2 * 1.45)
+    assert RateTurn.begun(0, 0.0, 3.1).add(10**8, 0.0, yaw=-3.1).turn == pytest.approx(math.tau - 6.2)
+
+
 def standing(gyro_rates, tracks_speak_at=99):
     """Windows of a gyro, deg in each, beside tracks that say zero; who is excluded after each."""
     iso, bias, seen = Isolation(), 0.0, []

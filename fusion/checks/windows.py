@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field, replace
 
-from compass import YawIncrement
+from compass import YawIncrement, wrap_angle
 from fusion.buffer.events import Sensor
 from fusion.checks.silence import SILENT_NS
 from fusion.record import record
@@ -55,6 +55,8 @@ class RateTurn:
         Stamp, rate and integral at the last sample that was no spike.
     spike : float
         By how much the rate has gone off since, at most, rad/s.
+    yaw : float or None
+        Of the newest sample, rad, where its poses are followed: a driver's rates may lag.
     """
 
     start_ns: int
@@ -72,17 +74,22 @@ class RateTurn:
     steady_rate: float = 0.0
     steady_turn: float = 0.0
     spike: float = 0.0
+    yaw: float | None = None
 
     @staticmethod
-    def begun(t_ns: int, rate: float, repeats: int = 0) -> RateTurn:
+    def begun(t_ns: int, rate: float, yaw: float | None = None, repeats: int = 0) -> RateTurn:
         """From `t_ns` on, with the rate that is held since."""
-        return RateTurn(t_ns, t_ns, rate, rate, repeats=repeats, steady_ns=t_ns, steady_rate=rate)
+        return RateTurn(t_ns, t_ns, rate, rate, repeats=repeats, steady_ns=t_ns, steady_rate=rate, yaw=yaw)
 
-    def add(self, t_ns: int, rate: float, speed: float = 0.0) -> RateTurn:
-        """With one more sample (rad/s, m/s)."""
+    def add(self, t_ns: int, rate: float, speed: float = 0.0, yaw: float | None = None) -> RateTurn:
+        """With one more sample (rad/s, m/s, rad)."""
         dt_ns = t_ns - self.t_ns
         seconds = dt_ns * 1e-9
-        turn = self.turn + 0.5 * (self.rate + rate) * seconds
+        if yaw is not None and self.yaw is not None and dt_ns > 0:
+            step = float(wrap_angle(yaw - self.yaw))
+            rate, turn = step / seconds, self.turn + step
+        else:
+            turn = self.turn + 0.5 * (self.rate + rate) * seconds
         spike, off, within = self.spike, abs(rate - self.steady_rate), (t_ns - self.steady_ns) * 1e-9
         if off > FASTEST_CHANGE * within:
             steady, spike = (self.steady_ns, self.steady_rate, self.steady_turn), max(spike, off)
@@ -104,11 +111,14 @@ class RateTurn:
             self.beyond + (abs(rate) > FASTEST_ROBOT),
             *steady,
             spike,
+            yaw,
         )
 
     def anew(self, t_ns: int) -> RateTurn:
         """From `t_ns` on; the last rate is held until then."""
-        return RateTurn.begun(t_ns, self.steady_rate if self.spike else self.rate, self.repeats)
+        rate = self.steady_rate if self.spike else self.rate
+        yaw = None if self.yaw is None else self.yaw + rate * (t_ns - self.t_ns) * 1e-9
+        return RateTurn.begun(t_ns, rate, yaw, self.repeats)
 
     def turn_until(self, t_ns: int) -> float:
         """Turn up to a time after the newest sample, whose rate is held."""
@@ -205,10 +215,10 @@ class Turns:
             self.corrected,
         )
 
-    def with_tracks(self, sample: OdometrySample) -> Turns:
-        """After an odometry sample."""
-        t_ns, rate = sample.t_ns, sample.yaw_rate
-        tracks = self.tracks.add(t_ns, rate, sample.speed) if self.tracks else RateTurn.begun(t_ns, rate)
+    def with_tracks(self, sample: OdometrySample, *, by_poses: bool) -> Turns:
+        """After an odometry sample; `by_poses`: where it has a yaw, that counts, and not its rate."""
+        t_ns, rate, yaw = sample.t_ns, sample.yaw_rate, sample.yaw if by_poses else None
+        tracks = self.tracks.add(t_ns, rate, sample.speed, yaw) if self.tracks else RateTurn.begun(t_ns, rate, yaw)
         return replace(self, tracks=tracks)
 
     def with_increment(self, increment: YawIncrement) -> Turns:
