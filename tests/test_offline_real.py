@@ -36,6 +36,7 @@ def test_husky_without_camera_is_fused_within_its_sensors(tmp_path):
     """Gyro (bias not known) says -206 deg, wheels -198 deg, and so does the gyro less its bias at standstill."""
     summary = fuse(HUSKY, tmp_path / "out")
     assert summary["gyro_vertical"] == "orientation"  # +Y stands up: found, not assumed
+    assert summary["warnings"] == []
     assert summary["vertical_words"].startswith("the orientation field")
     assert "from the IMU's +y axis" in summary["vertical_words"]
     assert 3.0 < summary["greatest_tilt_deg"] < 20.0
