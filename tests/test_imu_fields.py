@@ -269,6 +269,23 @@ def test_vertical_stays_upright_however_far_the_gyro_says_it_turns_between_two_s
         assert off_deg(level, UPRIGHT) < 0.5
 
 
+def test_gyro_of_other_axes_than_the_accelerometer_does_not_tip_the_vertical_over():
+    level, _ = fed((t, w[::-1], a) for t, w, a, _ in drive())  # x and z swapped
+    assert off_deg(level, UPRIGHT) < 1.0
+    assert codes(level) == []
+
+
+def test_robot_that_falls_on_its_side_keeps_its_vertical():
+    rng, level = np.random.default_rng(5), ImuLevel()
+    for k in range(6 * HZ):
+        roll = math.radians(90.0) * min(max(k / HZ - 2.0, 0.0), 1.0)
+        rate = math.radians(90.0) if 2.0 <= k / HZ < 3.0 else 0.0
+        force = G * np.array([0.0, math.sin(roll), math.cos(roll)]) + rng.normal(0.0, 1.0, 3)
+        level.sample(START_NS + k * 10**9 // HZ, (rate, 0.0, 0.0), force)
+        if k > HZ:
+            assert np.dot(level.up, [0.0, math.sin(roll), math.cos(roll)]) > math.cos(math.radians(6.0))
+
+
 def test_fixed_direction_is_turned_as_a_rotation_does():
     rate, fixed = (0.3, -2.0, 46.0), (0.6, 0.0, 0.8)
     expected = Rotation.from_rotvec(np.multiply(-0.1, rate)).apply(fixed)

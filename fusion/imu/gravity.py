@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 from compass.tilt import Vector
 from fusion.checks.silence import RATE_SILENT_NS
+from fusion.imu.orientation import Following
 from fusion.imu.vectors import cross, dot, turned, unit, vector
 
 _YOUNG = 3.0  # s; from less a start would be taken for a bias; not derived
@@ -13,6 +15,9 @@ _YOUNG = 3.0  # s; from less a start would be taken for a bias; not derived
 _UNITS = ((9.80665, "m/s^2"), (1.0, "g"), (1000.0, "milli-g or cm/s^2"), (9806.65, "mm/s^2"))
 # A cheap accelerometer errs by 0.5 m/s^2 and 3 %, a robot's own acceleration by little once averaged.
 _LENGTH_ERROR = 0.2
+# A gyro with other axes, or in deg/s, tips the vertical over. It is looked at every so many s, where it tips by so much
+# (rad^2, squared chord; robots do so in a fall), beside the accelerometer's mean over so many s. Not derived.
+_BLOCK, _TIPPED, _SHAKEN = 1.0, 0.5**2, 0.2
 _PROVEN = 0.25  # s; before, a bump of 1 m/s^2 on an accelerometer without gravity would be taken for 1 g
 
 
@@ -44,6 +49,9 @@ class Gravity:
         self._silence = 0.0
         self._heard = 0.0
         self.length = 0.0
+        self._follows, self._block = Following(_TIPPED), 0.0
+        self._lately: Vector | None = None  # mean acceleration
+        self._misled = False  # whether the gyro turns otherwise than the accelerometer sees
 
     @property
     def unit(self) -> str | None:
@@ -69,7 +77,8 @@ class Gravity:
     def follow(self, step_ns: int, rate: Vector, acceleration: Sequence[float] | None) -> None:
         """Take in a reading: time since the last, ns; angular velocity, rad/s; specific force, any unit."""
         force = unit(acceleration)
-        self._turn(step_ns, rate, force)
+        self._watch(step_ns, rate, acceleration if force else None)
+        self._turn(step_ns, (0.0, 0.0, 0.0) if self._misled else rate, force)
         seconds = min(max(step_ns, 0), RATE_SILENT_NS) * 1e-9
         self._silence = 0.0 if force else self._silence + seconds
         if force and acceleration is not None and self._direction:
@@ -77,6 +86,26 @@ class Gravity:
             gain = seconds / (self._heard + seconds) if self._heard else 1.0
             self.length += gain * (along - self.length)
             self._heard = min(self._heard + max(seconds, 1e-3), self._seconds)
+
+    def _watch(self, step_ns: int, rate: Vector, acceleration: Sequence[float] | None) -> None:
+        """Look whether what the gyro turns is what the accelerometer sees of it."""
+        if acceleration is None or not 0 <= step_ns <= RATE_SILENT_NS:
+            return
+        dt, force = step_ns * 1e-9, vector(acceleration)
+        gain = min(dt / _SHAKEN, 1.0)
+        self._lately = vector([(1.0 - gain) * a + gain * b for a, b in zip(self._lately or force, force, strict=True)])
+        self._follows.carry(rate, dt)
+        self._block += dt
+        seen = unit(self._lately)
+        if self._block < _BLOCK or seen is None:
+            return
+        self._block, gravity = 0.0, _UNITS[0][0]
+        if abs(math.sqrt(dot(self._lately, self._lately)) / gravity - 1.0) > _LENGTH_ERROR:
+            return
+        self._follows.end(seen)
+        if self._follows.lost != self._misled:
+            self._misled = self._follows.lost
+            self._direction, self._drift, self._heard = None, (0.0, 0.0, 0.0), 0.0
 
     def _turn(self, step_ns: int, rate: Vector, force: Vector | None) -> None:
         if self._direction is None or not 0 <= step_ns <= RATE_SILENT_NS:

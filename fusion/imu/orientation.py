@@ -19,9 +19,16 @@ _UNFOLLOWED = 0.5  # share of the motion; all of it where a field never changes,
 
 
 class Following:
-    """Whether a direction that an orientation calls fixed moves in the IMU's frame as the gyro says it should."""
+    """Whether a direction that is called fixed moves in the IMU's frame as the gyro says it should.
 
-    def __init__(self) -> None:
+    Parameters
+    ----------
+    telling : float
+        Motion that shows it, rad^2, squared chord.
+    """
+
+    def __init__(self, telling: float = _MOVED) -> None:
+        self._telling = telling
         self._start: Vector | None = None
         self._carried: Vector = (0.0, 0.0, 0.0)
         self._moved = self._missed = 0.0
@@ -43,7 +50,7 @@ class Following:
         """Close a block and begin the next."""
         if self._start is not None:
             moved = _chord2(self._start, self._carried)
-            if moved > _MOVED:
+            if moved > self._telling:
                 self._moved = _KEEP * self._moved + moved
                 self._missed = _KEEP * self._missed + _chord2(self._carried, seen)
         self.begin(seen)
