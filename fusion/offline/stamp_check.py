@@ -11,10 +11,11 @@ import numpy.typing as npt
 from fusion.buffer.events import Sensor
 from fusion.checks.stamps import StampSequence
 from fusion.checks.warnings import Warning
-from fusion.offline.clock_steps import ClockSteps, Recorded
+from fusion.offline.clock_steps import FEWEST, ClockSteps, Recorded
 
 Times = npt.NDArray[np.int64]
 DAY_NS = 86_400_000_000_000  # longer than a drive
+BACKWARDS = 0.75  # of all steps; of two publishers that take turns half go back; not derived
 MARGIN_NS = 60_000_000_000  # beyond all else in the recording; stamps further off are from another time
 
 
@@ -85,10 +86,22 @@ def usable(
     keep[near] = clock.following(own, [(span.first_ns, span.last_ns) for span in present])
     judged = keep & told
     keep[judged] = [sequence.fits(one) for one in t_ns[judged].tolist()]
-    warnings = clock.warnings() + sequence.warnings()
+    warnings = clock.warnings() + sequence.warnings() + _backwards(sensor, own.t_ns)
     if not near.all():
         warnings.append(wrong_stamps(sensor, int(np.count_nonzero(~near)), int(t_ns[~near][0]), within))
     return keep, warnings
+
+
+def _backwards(sensor: Sensor, t_ns: Times) -> list[Warning]:
+    """On stamps that run backwards in the order of recording: sorted, they would seem to be in order."""
+    back = int(np.count_nonzero(np.diff(t_ns) < 0))
+    if back < max(FEWEST, BACKWARDS * (t_ns.size - 1)):
+        return []
+    text = (
+        f"{sensor.value}: {back} of {t_ns.size} stamps are older than the one recorded before them, so that its turns "
+        "come in the wrong order; see to the driver's clock"
+    )
+    return [Warning("stamps_not_increasing", sensor.value, int(t_ns.min()), text)]
 
 
 def wrong_stamps(sensor: Sensor, count: int, example_ns: int, within: Span) -> Warning:
