@@ -90,6 +90,7 @@ class VisualCompass:
         self.yaw = 0.0
         self.yaw_variance = 0.0
         self.history, self.circle = ImageHistory(), CircleCheck()
+        self._factor_before = 0.0  # of images of another size, until those of this one have shown theirs
         self._lost_turns = LostTurns()
         self._keyframe: View | None = None  # what images are compared with
         self._tilt = Tilted()  # at the last good image
@@ -212,7 +213,7 @@ class VisualCompass:
             self._still_since_ns = strip.t_ns
             self._start_from(strip)
             if newest is not None:
-                self.circle = CircleCheck()
+                self._factor_before, self.circle = self._factor_sigma, CircleCheck()
                 return CompassStatus.SIZE_CHANGED
             return CompassStatus.FIRST_FRAME if self._keyframe else CompassStatus.NO_TEXTURE
         if strip.texture < MIN_TEXTURE:
@@ -308,17 +309,15 @@ class VisualCompass:
         if match.spread_px > self._keyframe_spread:
             self._keyframe = self._last_view(strip)
         confidence = min(max(match.confidence, 0.0), 1.0)
-        factor_sigma = self._factor_sigma
-        self._last_increment = YawIncrement(
-            *(reference_ns, strip.t_ns, yaw, variance, confidence, turn, match.tilt), factor_sigma=factor_sigma
-        )
+        measured = reference_ns, strip.t_ns, yaw, variance, confidence, turn, match.tilt
+        self._last_increment = YawIncrement(*measured, factor_sigma=self._factor_sigma)
         return self._last_increment
 
     @property
     def _factor_sigma(self) -> float:
         """By what factor all turns may be wrong alike, a standard deviation."""
         verdict = self.circle.verdict
-        return verdict.turn_factor_sigma if verdict else 0.0
+        return verdict.turn_factor_sigma if verdict else self._factor_before
 
     @property
     def _factor_variance(self) -> float:
@@ -338,6 +337,6 @@ class VisualCompass:
         unseen = (self.config.max_yaw_rate * (strip.t_ns - self._last.t_ns) * 1e-9) ** 2 / 3.0
         copied = self._last_increment
         if copied is None or keyframe is self._last:
-            copied = YawIncrement(keyframe.t_ns, strip.t_ns, 0.0, 0.0, 1.0, 0.0)
+            copied = YawIncrement(keyframe.t_ns, strip.t_ns, 0.0, 0.0, 1.0, 0.0, factor_sigma=self._factor_sigma)
         self.yaw_variance = self._last_variance + unseen + self._factor_variance
         return replace(copied, t_ns=strip.t_ns, variance=copied.variance + unseen)

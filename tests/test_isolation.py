@@ -170,3 +170,8 @@ def test_tracks_that_never_moved_are_dead_where_the_rate_changes_and_heard_again
     assert seen[1] == seen[2] == [Sensor.TRACKS]
     assert seen[3] == []
     assert bias == 0.0
+
+
+def test_gyro_that_errs_beside_silent_tracks_is_not_heard_again_because_they_speak():
+    seen, _ = standing([1.5, 1.5, 10.0, 20.0], tracks_speak_at=3)
+    assert seen[1] == seen[2] == seen[3] == [Sensor.GYRO]

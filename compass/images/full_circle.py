@@ -41,10 +41,11 @@ BLANK_SHARE = 0.15  # of the width; a mast is narrower
 # Likeness of what crosses the seam, than which three of four views have less: at least 1.00, in eight simulated drives,
 # too / at most 0.84 in 17 of 20 of halves, 13 of 15 of three quarters, 13 of 14 of nine tenths, 11 of 14 of 350 deg.
 CROSSES, VIEWS_CROSSED = 0.85, 5
+# Not derived: `LEAST_CROSSING`, `MOST_CROSSING`.
 LEAST_CROSSING = 4  # columns that cross, or the noise of a few decides
 MOST_CROSSING = 0.25  # of the circle, or too little stays in the picture to compare it with
 RELATED = 0.8  # correlation of what stays in the picture; with 0.5 a full circle in fog came to 0.86
-TURN_FACTOR_SIGMA = 0.5  # of the turns that such a picture shows: of half a circle, half as much is true
+TURN_FACTOR_SIGMA = 0.5  # of the turns it shows: of half a circle half is true, two of them show half of it
 
 
 @dataclass(frozen=True, slots=True)

@@ -58,9 +58,7 @@ class Exclusion:
         changing = min(self.least_change, abs(window.rate_change))
         fitted = turn_rate if self.fitted is not None or fits_anything(self.sensor, turn_rate, window) else None
         least = turning, least_size, changing
-        return Exclusion(
-            *(self.sensor, self.since_ns, *least, self.windows + 1), fitted=fitted, silent=not window.tracks_spoke
-        )
+        return Exclusion(*(self.sensor, self.since_ns, *least, self.windows + 1), fitted=fitted, silent=self.silent)
 
     def shows_well(self, claim: Claim, reference: Claim, window: Window) -> bool:
         """Whether it agrees with a reference in a window in which it would have been seen to err."""

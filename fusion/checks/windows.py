@@ -24,7 +24,7 @@ LONGEST_WINDOW_NS = 5_000_000_000  # a sensor's integral over longer says more o
 
 LONGEST_GAP = 0.4  # of a window, in which an integrated sensor may have been silent and still be a witness
 FASTEST_ROBOT = 4.0 * math.pi  # rad/s; two turns a second, faster than tracked robots spin
-FASTEST_CHANGE = FASTEST_ROBOT / 0.25  # rad/s^2; not derived
+FASTEST_CHANGE = FASTEST_ROBOT / 0.25  # rad/s^2: at its fastest in a quarter of a second; not derived
 BEYOND = 4  # one sample in so many of a window beyond that is no spike
 SAME_NUMBER = 10  # samples in a row that are one number: no gyro that works does that
 
