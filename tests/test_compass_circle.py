@@ -178,8 +178,12 @@ def test_factor_is_not_forgotten_by_repeated_images_nor_by_another_size():
                 assert given.factor_sigma == full_circle.TURN_FACTOR_SIGMA
     assert compass.circle.verdict
     before = compass.yaw_variance
-    compass.update(START_NS + 4 * VIEWS * FRAME_NS, as_bytes(scene(5, 640, 320)))
+    other = as_bytes(scene(5, 640, 320))
+    compass.update(START_NS + 4 * VIEWS * FRAME_NS, other)
+    again = compass.update(START_NS + 4 * VIEWS * FRAME_NS + 10_000_000, other)  # of the keyframe itself
     assert compass.circle.verdict is None
+    assert again.factor_sigma == full_circle.TURN_FACTOR_SIGMA
+    compass.update(START_NS + (4 * VIEWS + 1) * FRAME_NS, as_bytes(shifted(scene(5, 640, 320), STEP)))
     assert compass.yaw_variance >= before
 
 
