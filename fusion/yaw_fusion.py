@@ -29,6 +29,7 @@ from fusion.checks.gaps import GapWatch
 from fusion.checks.gate import SensorReport
 from fusion.checks.lead import LeadWatch
 from fusion.checks.silence import PERIODS, SilenceWatch
+from fusion.checks.spikes import SpikeWatch
 from fusion.checks.stamps import ABANDONED_NS, BACKLOG_NS, LONE_NS, ClockWatch, Elsewhen, StampSequence, confirmed
 from fusion.checks.warnings import Warning, most_serious_first
 from fusion.config import FusionConfig
@@ -82,6 +83,7 @@ class YawFusion:
         self._sequences = {sensor: StampSequence(sensor) for sensor in (Sensor.GYRO, Sensor.TRACKS)}
         self._clocks, self._silence, self._pauses = ClockWatch(), SilenceWatch(), GapWatch()
         self._faults, self._leads = FaultWatch(), LeadWatch()
+        self._spikes = SpikeWatch(by_poses=self.config.odometry == "pose")
         self._beginning: list[Sample] | None = []  # until it is confirmed
 
     def add(self, sample: Sample) -> bool:
@@ -203,6 +205,8 @@ class YawFusion:
         self._heard[sensor] = max(self._heard.get(sensor, 0), sample.t_ns)
         self._first_ns = min(self._first_ns, sample.t_ns)
         self._silence.hear(sensor, sample.t_ns)
+        if not isinstance(sample, YawIncrement):
+            self._spikes.hear(sensor, sample)
         self._pauses.hear(sample.t_ns, sample.t_ref_ns if isinstance(sample, YawIncrement) else None)
         self.counts[f"{sensor.value}: {'late' if arrival is Arrival.LATE else 'in order'}"] += 1
         self._take_all(self._leads.hear(sensor, sample.t_ns))
@@ -272,7 +276,7 @@ class YawFusion:
         """What is wrong with clocks and stamps, and who is missing; known before there is an estimate."""
         found = self._clocks.warnings()
         found += self._silence.warnings([warning.sensor for warning in found])
-        found += self._pauses.warnings() + self._faults.warnings()
+        found += self._pauses.warnings() + self._faults.warnings() + self._spikes.warnings()
         return found + [w for sequence in self._sequences.values() for w in sequence.warnings()]
 
     @property

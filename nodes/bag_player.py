@@ -48,7 +48,9 @@ class PlayerConfig(ParameterSet):
     paused: bool = parameter(False, "start paused; go on with ~/pause, or from image to image with ~/step")
     topics: str = parameter("", "topics to play, separated by commas; empty: all")
     wait_for: str = parameter("", "topics that must have a subscriber before the start, separated by commas")
-    wait_time: float = parameter(10.0, "longest wait for those subscribers", unit="s", low=0.0, high=3600.0)
+    wait_time: float = parameter(
+        10.0, "longest wait for those subscribers, and for who tells on `image_done`", unit="s", low=0.0, high=3600.0
+    )
     image_done: str = parameter(
         "", "topic on which a node with `reliable` tells that it is done with an image; all else waits for that"
     )
@@ -129,12 +131,21 @@ class BagPlayer(Node):
     def _wait_for_subscribers(self) -> None:
         awaited = [topic for topic in listed(self._config.wait_for) if topic in self._publishers_by_topic]
         end = time.monotonic() + self._config.wait_time
-        while awaited and self._open and time.monotonic() < end:
+        while self._open and time.monotonic() < end:
             awaited = [t for t in awaited if not self._publishers_by_topic[t].get_subscription_count()]
+            if not awaited and self._is_told():
+                break
             time.sleep(0.02)
         if awaited:
             self.get_logger().warning(f"nobody subscribes to {', '.join(awaited)}; playing all the same")
+        if not self._is_told():
+            self.get_logger().warning(f"nobody is there to tell on {self._config.image_done}; playing all the same")
+            self._in_turn = None
         time.sleep(SETTLE_S)
+
+    def _is_told(self) -> bool:
+        """Whether somebody would tell that an image is done, where that is waited for."""
+        return self._in_turn is None or self.count_publishers(self._config.image_done) > 0
 
     def _plays(self, topic: str) -> bool:
         return topic in self._publishers_by_topic

@@ -146,8 +146,10 @@ SITUATIONS = {
     "gyro of 17 deg/s at rest, with tracks": Situation(
         gyro(lambda w, t: w + 0.3), NO_IMAGE, sigma=15.0, codes=("sensors_disagree_bias",)
     ),
-    "gyro with spikes, with camera": Situation(spikes(0.02, -20.0), NO_ODOMETRY, sigma=0.5),
-    "gyro with many spikes, with camera": Situation(spikes(0.05, 8.0), NO_ODOMETRY, sigma=0.5),
+    "gyro with spikes, with camera": Situation(spikes(0.02, -20.0), NO_ODOMETRY, sigma=0.5, codes=("sensor_spikes",)),
+    "gyro with many spikes, with camera": Situation(
+        spikes(0.05, 8.0), NO_ODOMETRY, sigma=0.5, codes=("sensor_spikes",)
+    ),
     "gyro and accelerometer in turn": Situation(of(Imu, in_turn), sigma=1.0, codes=("imu_half_messages",)),
     "accelerometer, then gyro, of one stamp": Situation(of(Imu, in_two), sigma=1.0, codes=("imu_half_messages",)),
     "gyro of impossible numbers": Situation(gyro(lambda w, t: 1e300), sigma=1.0, codes=("samples_lost",)),

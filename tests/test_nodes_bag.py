@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import threading
+import time
 
 import cv2
 import numpy as np
@@ -18,6 +19,7 @@ from rosbags.rosbag1 import Writer as Ros1Writer
 from rosbags.typesys import Stores, get_typestore
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import CompressedImage, Image, Imu
+from std_msgs.msg import Header
 from std_srvs.srv import SetBool, Trigger
 
 from fusion.offline.bag import Bag
@@ -29,6 +31,7 @@ from fusion.settings import load_settings
 from nodes.conversions import fused_odometry
 from nodes.in_turn import InTurn
 from nodes.playback_clock import PlaybackClock
+from nodes.quality import EVERY_IMAGE_QOS
 
 MS = 1_000_000
 SECOND = 1000 * MS
@@ -95,6 +98,21 @@ def test_player_offset_and_loop(robot, tmp_path):
         wait_for(lambda: len(heard) > 110, "the third round")
     stamps = [stamp_of(m) for m in heard]
     assert stamps[:50] == stamps[50:100] == [START_NS + SECOND + k * 20 * MS for k in range(50)]
+
+
+def test_player_waits_for_the_node_that_tells(robot, tmp_path):
+    write_imu_bag(tmp_path / "imu.mcap", seconds=0.2)
+    parameters = {"bagfile": tmp_path / "imu.mcap", "image_done": "/fusion_node/image_done"}
+    with started("nodes.bag_player", tmp_path / "nobody", wait_time=0.2, **parameters) as player:
+        assert player.wait() == 0
+        assert "nobody is there to tell on /fusion_node/image_done; playing all the same" in player.text()
+        assert "played 10 messages" in player.text()
+    heard = robot.listen(Imu, "/imu/data")
+    with started("nodes.bag_player", tmp_path / "somebody", wait_time=300.0, wait_for="/imu/data", **parameters):
+        time.sleep(0.5)
+        assert not heard
+        robot.node.create_publisher(Header, "/fusion_node/image_done", EVERY_IMAGE_QOS)
+        wait_for(lambda: len(heard) == 10, "what was held back")
 
 
 def test_player_pauses_and_goes_on(robot, tmp_path):

@@ -33,6 +33,7 @@ CODES: dict[str, str] = {
     "odometry_silent": "the odometry never says anything but zero",
     "sensor_silent": "a sensor stopped",
     "sensor_refused": "a sensor's samples are refused",
+    "sensor_spikes": "single samples stand out from those before and after",
     "samples_lost": "messages were lost or unreadable",
 }
 _RANK = {code: rank for rank, code in enumerate(CODES)}
