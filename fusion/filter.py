@@ -115,8 +115,9 @@ class YawFilter:
         self._lead(before, state, event)
         contradicted = before.unconfirmed is not None and before.unconfirmed.tracks is not None
         if contradicted and not state.believes(Sensor.TRACKS) and before.believes(Sensor.TRACKS):
-            # who contradicted says no more: it is known for good how little is known
-            state.ekf.widen_frame(before.unconfirmed_variance)
+            if not state.isolation.excludes(Sensor.TRACKS):  # else two others refute what they said
+                # who contradicted says no more: it is known for good how little is known
+                state.ekf.widen_frame(before.unconfirmed_variance)
             state.unconfirmed = state.confirmed(self.config.initial_rate_sigma)
         self._doubt(before, state, event)
         if before.t_ns is None:

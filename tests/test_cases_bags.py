@@ -71,6 +71,15 @@ def pixels(change: Callable[[np.ndarray], np.ndarray]) -> Callable[[Message], ob
     return of(Picture, lambda m: replace(m, pixels=change(m.pixels)))
 
 
+def right_half(image: np.ndarray) -> np.ndarray:
+    return cv2.resize(image[:, 128:], (256, 128))
+
+
+def lettered(image: np.ndarray) -> np.ndarray:
+    """With what a driver writes into it, larger and brighter than all that turns."""
+    return cv2.putText(image.copy(), "REC 12:00:00", (5, 70), cv2.FONT_HERSHEY_SIMPLEX, 1.0, (255, 255, 255), 3)
+
+
 def without_gravity(m: Imu) -> Imu:
     half = 0.5 * float(yaw(m.t))
     force = m.force[0], m.force[1], m.force[2] - 9.81
@@ -205,6 +214,9 @@ SITUATIONS = {
     "odometry of the wrong sign": Situation(
         of(Tracks, lambda m: replace(m, yaw=-m.yaw, rate=-m.rate)), sigma=1.0, codes=("sensors_disagree_sign",)
     ),
+    "odometry in degrees": Situation(
+        of(Tracks, lambda m: replace(m, yaw=math.degrees(m.yaw), rate=math.degrees(m.rate))), sigma=0.5
+    ),
     "mirrored panoramas, tracks": Situation(
         pixels(lambda p: p[:, ::-1]), NO_GYRO, codes=("images_mirrored", "sensors_disagree_sign")
     ),
@@ -215,7 +227,10 @@ SITUATIONS = {
     "camera upside down, all": Situation(pixels(lambda p: p[::-1, ::-1]), sigma=3.0, codes=("images_mirrored",)),
     "half a circle, tracks": Situation(pixels(SQUEEZED["half a circle"]), NO_GYRO, codes=("not_full_circle",)),
     "half a circle, all": Situation(pixels(SQUEEZED["half a circle"]), codes=("not_full_circle",)),
+    "right half of the circle, all": Situation(pixels(right_half), codes=("not_full_circle",)),
+    "right half of the circle, gyro": Situation(pixels(right_half), NO_ODOMETRY, codes=("not_full_circle",)),
     "two halves side by side": Situation(pixels(SQUEEZED["two halves side by side"]), codes=("not_full_circle",)),
+    "letters written into every image, all": Situation(pixels(lettered), sigma=3.0, codes=("images_do_not_turn",)),
     "images that do not turn, all": Situation(same_picture([]), sigma=3.0, codes=("images_do_not_turn",)),
     "images that do not turn, gyro": Situation(same_picture([]), NO_ODOMETRY, codes=("images_do_not_turn",)),
     "images that do not turn, tracks": Situation(same_picture([]), NO_GYRO, codes=("images_do_not_turn",)),

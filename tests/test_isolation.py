@@ -19,14 +19,14 @@ def rad(degrees):
     return math.radians(degrees)
 
 
-def window(index, gyro=None, tracks=None, compass=None, followed=0.0, *, change=0.0, beyond=False):
+def window(index, gyro=None, tracks=None, compass=None, followed=0.0, *, change=0.0, beyond=False, part=False):
     """A window of half a second; turns in deg."""
     claims = [
         None if turn is None else Claim(rad(turn), rad(noise))
         for turn, noise in ((gyro, 0.02), (tracks, 0.4), (compass, 0.04))
     ]
     times = index * S, (index + 1) * S
-    return Window(*times, *claims, rad(followed), rate_change=change, gyro_beyond=beyond)
+    return Window(*times, *claims, rad(followed), rate_change=change, gyro_beyond=beyond, part=part)
 
 
 class Robot:
@@ -94,6 +94,44 @@ def test_third_sensor_that_contradicts_both_takes_no_side():
     assert Third().plus(slips, 0.0, rad(3.0)).side is None
     assert Third().plus(agrees, 0.0, rad(3.0)).side is True
     assert Third().plus(slips, 0.0, rad(3.0)).plus(Claim(0.0, rad(0.4)), 0.0, rad(3.0)).side is False
+
+
+@pytest.mark.parametrize("scale", [0.0, 0.3])
+@pytest.mark.parametrize("factor", [1.0, 1.4])
+def test_third_sensor_takes_the_side_of_who_turns_when_it_does(scale, factor):
+    """Its scale factor may be another; that the other one hangs is no matter of scale."""
+    third = Third()
+    for turn in (0.0, 8.0, -6.0):
+        third = third.plus(Claim(rad(factor * turn), rad(0.4), scale), rad(turn), rad(-turn))
+    assert third.side is False
+    assert third.swapped().side is True
+
+
+def test_third_sensor_of_unknown_scale_does_not_decide_which_of_two_factors_is_right():
+    third = Third()
+    for turn in (10.0, -20.0):
+        third = third.plus(Claim(rad(1.4 * turn), rad(0.4), 0.3), rad(turn), rad(turn))
+    assert third.side is None
+
+
+def test_images_that_say_they_are_no_full_circle_are_no_alternative():
+    robot = Robot()
+    robot.see(gyro=10.0, compass=20.0, part=True)
+    assert robot.iso.excludes(Sensor.COMPASS)
+    assert not robot.iso.alternatives
+    assert robot.yaw == pytest.approx(10.0, abs=0.1)
+
+
+def test_who_was_followed_before_images_said_so_is_left_and_the_yaw_owes_it():
+    robot = Robot()
+    for turn in (10.0, 12.0, 0.0, 8.0):
+        robot.see(gyro=turn, compass=2.0 * turn)
+    assert robot.iso.alternative(Sensor.GYRO) or robot.iso.alternative(Sensor.COMPASS)
+    robot.see(gyro=5.0, compass=10.0, part=True)
+    assert robot.iso.excludes(Sensor.COMPASS)
+    assert not robot.iso.excludes(Sensor.GYRO)
+    assert not robot.iso.alternatives
+    assert robot.yaw == pytest.approx(35.0, abs=2.5)
 
 
 def test_no_scale_factor_makes_a_turn_of_none():

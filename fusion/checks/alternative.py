@@ -14,33 +14,60 @@ from fusion.checks.windows import Claim, Window
 ALTERNATIVE_PROBABILITY = {Sensor.GYRO: 0.25, Sensor.COMPASS: 0.25, Sensor.TRACKS: 0.15}
 # The same of tracks against a view that was found again across a gap, twice: they slip and get lifted, it seldom errs.
 FOUND_AGAIN_PROBABILITY = 0.1
-# Not derived: `LONGEST_ROW_NS`, `AGREEING`, `UNDECIDED`.
+# Not derived: `LONGEST_ROW_NS`, `AGREEING`, `DECIDED`, `LEAST_SCALE`, `NEARER`.
 LONGEST_ROW_NS = 1_000_000_000  # after a window a contradiction is taken to go on for, until the next one is judged
-AGREEING = 0.4  # of the way from one to the other; a third as near to one takes its side
-UNDECIDED = 0.4  # of the way, standard deviation: nor with less does it know where between the two it is
+AGREEING = 0.4  # of the way from one to the other; a third that is farther beyond both contradicts both
+DECIDED = 2.5  # standard deviations by which a third is nearer to one than to the other if it takes its side
+LEAST_SCALE = 0.05  # who claims less has not turned along
+NEARER = 0.45  # of the squared misfit with the other; on 0.4 of the way it is that of the nearer one
+
+
+@dataclass(frozen=True, slots=True)
+class Fit:
+    """How well a third sensor's claims fit what another one turned by, its scale factor being free.
+
+    Attributes
+    ----------
+    turns, products : float
+        Sums over windows of the other's squared turn, and of its turn times the claim, over the claim's variance.
+    """
+
+    turns: float = 0.0
+    products: float = 0.0
+
+    def plus(self, claim: Claim, turn: float) -> Fit:
+        """With one more window."""
+        return Fit(self.turns + (turn / claim.noise) ** 2, self.products + turn * claim.turn / claim.noise**2)
+
+    def misfit(self, claims: float, scale_sigma: float) -> float:
+        """Squared deviations that are left, with the best scale factor; `claims`: sum of the squared claims."""
+        if scale_sigma <= 0.0:
+            return claims - 2.0 * self.products + self.turns
+        known = scale_sigma**-2
+        scale = (self.products + known) / (self.turns + known)
+        left = claims - 2.0 * scale * self.products + scale**2 * self.turns
+        return left + known * math.log(max(scale, LEAST_SCALE)) ** 2  # half and double are as far from one
 
 
 @dataclass(frozen=True, slots=True)
 class Third:
-    """On whose side a third sensor is while two contradict: 0 the followed one's, 1 the alternative's.
+    """On whose side a third sensor is while two contradict, window by window.
 
-    The weighted least-squares fit of its claims between those of the two, window by window.
+    Its scale factor is not known: it may explain a turn that is larger or smaller, but none where there was none.
 
     Attributes
     ----------
-    information : float
-        Sum of squared differences between the two over the third's variance, but for its scale factor.
-    moment : float
-        The same of the differences times what the third claims beyond the followed one.
-    scaled : float
-        The same of the differences times the third's turn: by so much its scale factor moves the moment.
+    followed, other : Fit
+        To the one that is followed, and to the alternative.
+    claims : float
+        Sum of its squared claims over their variance.
     scale : float
-        Standard deviation of the scale factor, as a fraction.
+        Standard deviation of its scale factor, as a fraction.
     """
 
-    information: float = 0.0
-    moment: float = 0.0
-    scaled: float = 0.0
+    followed: Fit = field(default_factory=Fit)
+    other: Fit = field(default_factory=Fit)
+    claims: float = 0.0
     scale: float = 0.0
 
     def plus(self, claim: Claim | None, followed: float, difference: float) -> Third:
@@ -51,29 +78,25 @@ class Third:
         outside = max(beyond - max(difference, 0.0), min(difference, 0.0) - beyond, 0.0)
         if outside > AGREEING * abs(difference) + CONTRADICTION_SIGMAS * claim.sigma:
             return self  # it contradicts both
-        weighed = difference / claim.noise**2
         return Third(
-            self.information + weighed * difference,
-            self.moment + weighed * beyond,
-            self.scaled + weighed * claim.turn,
+            self.followed.plus(claim, followed),
+            self.other.plus(claim, followed + difference),
+            self.claims + (claim.turn / claim.noise) ** 2,
             max(self.scale, claim.scale),
         )
 
     def swapped(self) -> Third:
         """With the other one followed."""
-        return replace(self, moment=self.information - self.moment, scaled=-self.scaled)
+        return replace(self, followed=self.other, other=self.followed)
 
     @property
     def side(self) -> bool | None:
         """Whether it takes the side of the alternative; None where it is too vague, or on neither side."""
-        if self.information <= 0.0:
+        followed, other = (one.misfit(self.claims, self.scale) for one in (self.followed, self.other))
+        nearest, farthest = min(followed, other), max(followed, other)
+        if farthest - nearest < DECIDED**2 or nearest > NEARER * farthest:
             return None
-        at = self.moment / self.information
-        if math.hypot(self.information**-0.5, self.scale * self.scaled / self.information) > UNDECIDED:
-            return None
-        if abs(at - 1.0) < AGREEING:
-            return True
-        return False if abs(at) < AGREEING else None
+        return other < followed
 
 
 @dataclass(frozen=True, slots=True)

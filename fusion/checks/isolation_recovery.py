@@ -38,8 +38,13 @@ def settle_alternatives(iso: Isolation, window: Window, bias: float) -> Judged:
     for alternative in iso.alternatives:
         side = alternative.third.side
         gyro, compass = window.gyro, window.compass
-        if alternative.sensor is not Sensor.TRACKS and gyro and compass and contradict(gyro, compass, window.seconds):
-            side = alternative.sensor is Sensor.COMPASS if surely_gyro(window, compass.turn) and side is None else side
+        if alternative.sensor is not Sensor.TRACKS and gyro and compass:
+            if contradict(gyro, compass, window.seconds) and surely_gyro(window, compass.turn):
+                side = alternative.sensor is Sensor.COMPASS if side is None else side
+            elif window.part and side is None:
+                side = alternative.sensor is Sensor.GYRO
+                if side:  # images have moved the yaw before that was known, by nobody knows how much
+                    remedies.append(Remedy(fold=alternative.variance(window.t_ns)))
         if alternative.sensor is Sensor.GYRO and _other_bias_at_rest(alternative, window, bias):
             side = False
         if side is False:  # it erred: the one that is followed is right

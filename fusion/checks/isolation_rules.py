@@ -86,10 +86,13 @@ def _beyond(iso: Isolation, gyro: Claim, window: Window, bias: float) -> Judged:
 
 
 def _gyro_against_compass(iso: Isolation, gyro: Claim, compass: Claim, window: Window, bias: float) -> Judged:
-    """Exclude one of the two: whom the tracks contradict, else the compass, which stays the alternative."""
+    """Exclude one of the two: whom the tracks contradict, else the compass, which stays the alternative.
+
+    Of images that say themselves that they show less than the full circle it is no alternative, either.
+    """
     off = gyro.turn - compass.turn
     third = Third().plus(window.tracks, gyro.turn, -off)
-    side = third.side
+    side = False if window.part and not surely_gyro(window, compass.turn) else third.side
     alternative = iso.alternative(Sensor.GYRO)
     if alternative is not None and side is None and not surely_gyro(window, compass.turn):
         return as_it_was(iso, alternative, window, bias)

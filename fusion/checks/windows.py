@@ -303,6 +303,8 @@ class Window:
         Standard deviation of the gyro bias at its beginning, rad/s.
     stood : bool
         Whether the robot stood at both ends.
+    part : bool
+        Whether the images say that they do not show the full circle once: then the compass turns by a wrong factor.
     """
 
     start_ns: int
@@ -318,6 +320,7 @@ class Window:
     corrected: float = 0.0
     bias_sigma: float = 0.0
     stood: bool = False
+    part: bool = False
 
     def plus(self, later: Window) -> Window:
         """This window and the next one as one."""
@@ -336,6 +339,7 @@ class Window:
             self.corrected,
             self.bias_sigma,
             self.stood and later.stood,
+            self.part or later.part,
         )
 
     @property

@@ -55,7 +55,7 @@ class FaultIsolation:
         start_ns = turns.start_ns if turns.start_ns is not None else t_ns
         joined = increment is None or (turns.compass is not None and turns.compass.start_ns == start_ns)
         if joined and 0 < t_ns - start_ns <= LONGEST_WINDOW_NS:
-            window, bias = self._window(state, start_ns), turns.start.bias
+            window, bias = self._window(state, start_ns, increment), turns.start.bias
             if state.isolation.contradicting.isdisjoint((Sensor.GYRO, Sensor.COMPASS)) and not contradict(
                 window.gyro, window.compass, window.seconds
             ):
@@ -111,7 +111,7 @@ class FaultIsolation:
         state.refusal = None
         return True
 
-    def _window(self, state: FilterState, start_ns: int) -> Window:
+    def _window(self, state: FilterState, start_ns: int, increment: YawIncrement | None) -> Window:
         """What each sensor says of the window that ends now, calibrated as known at its beginning."""
         x, turns, t_ns = state.ekf.x, state.turns, state.t_ns or 0
         compass = turns.compass
@@ -132,6 +132,7 @@ class FaultIsolation:
             turns.corrected,
             turns.start.bias_sigma,
             turns.start.standing and state.stillness.standing,
+            increment is not None and increment.factor_sigma > 0.0,
         )
 
     def note_refusal(
