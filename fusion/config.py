@@ -134,8 +134,8 @@ class FusionConfig(ParameterSet):
         0.0, "time from the exposure of an image to its stamp, at the start", unit="s", low=-1.0, high=1.0
     )
     camera_delay_sigma: float = parameter(0.05, "its standard deviation at the start", unit="s", low=0.0, high=1.0)
-    compass_error: float = parameter(
-        8e-5, "part of the compass's error that is correlated over its references, standard deviation", unit="rad",
+    compass_error_share: float = parameter(
+        0.5, "share of the variance of a compass increment that lasts from image to image, and beyond its reference",
         low=0.0, high=1.0,
     )  # fmt: skip
     compass_error_time: float = parameter(6.0, "its correlation time", unit="s", low=1e-3, high=1e3)

@@ -9,7 +9,7 @@ from scipy.linalg import expm
 
 from compass import YawIncrement, wrap_angle
 from fusion import FusionConfig, GyroSample, OdometrySample
-from fusion.state.ekf import DELAY_WALK, LASTING
+from fusion.state.ekf import DELAY_WALK
 
 GRID_HZ = 100
 SENSORS = ("gyro", "tracks", "compass")
@@ -65,12 +65,13 @@ def far_increments(drive, seed, config=None, every=5, held=3):
     """
     rng = np.random.default_rng([seed, 1])
     images = [sample for sample in drive.samples if isinstance(sample, YawIncrement)]
-    lasting = _gauss_markov(rng, drive.yaw.size, (config or FusionConfig()).compass_error_time)
+    config = config or FusionConfig()
+    lasting, share = _gauss_markov(rng, drive.yaw.size, config.compass_error_time), config.compass_error_share
     out, reference = [], images[0].t_ref_ns
     for count, image in enumerate(images[every - 1 :: every], 1):
         since, until = (round(t_ns * 1e-9 * GRID_HZ) for t_ns in (reference, image.t_ns))
         variance = float(rng.uniform(0.1e-3, 0.4e-3)) ** 2
-        error = math.sqrt(LASTING) * lasting[until] + math.sqrt(1.0 - LASTING) * rng.normal()
+        error = math.sqrt(share) * lasting[until] + math.sqrt(1.0 - share) * rng.normal()
         turn = float(wrap_angle(drive.yaw[until] - drive.yaw[since] + math.sqrt(variance) * error))
         out.append(YawIncrement(reference, image.t_ns, turn, variance, 0.9, long_baseline=True))
         if count % held == 0:
@@ -146,7 +147,7 @@ def _compass(rng, at, t_ns, yaw, rate, hold, config, *, timed):
     yaw = yaw - (delay + config.compass_timing * rng.normal(size=yaw.size)) * rate  # at the exposure, not at the stamp
     for i in at[1:]:
         variance = float(rng.uniform(0.5e-3, 2e-3)) ** 2
-        lasts = min(config.compass_error**2, LASTING * variance)
+        lasts = config.compass_error_share * variance
         error = math.sqrt(lasts) * lasting[i] + math.sqrt(variance - lasts) * rng.normal()
         turn = float(wrap_angle(yaw[i] - yaw[reference] + error))
         out.append(YawIncrement(int(t_ns[reference]), int(t_ns[i]), turn, variance, 0.9))

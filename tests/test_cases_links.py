@@ -104,6 +104,19 @@ def test_gyro_whose_bias_steps_is_honest_18_s_later(step, seed):
     assert_honest(estimate, estimate.yaw - errors[-1], 5.0)
 
 
+@pytest.mark.parametrize("seed", [2, 3, 4])
+def test_small_step_of_the_bias_is_honest_all_the_way(seed):
+    """It shows in several windows together, and in none alone."""
+    drive = robot_drive(seed, seconds=32.0, gyro_hz=50, track_hz=20)
+    drive = drive.changed(lambda s: replace(s, yaw_rate=s.yaw_rate + 0.005), GyroSample, 14.0)
+    fusion = YawFusion()
+    for sample in drive.samples:
+        fusion.add(sample)
+        if isinstance(sample, YawIncrement):
+            estimate = fusion.estimate()
+            assert_honest(estimate, estimate.yaw - drive.error(estimate), 3.0)
+
+
 def test_gyro_that_never_changes_is_named_beside_tracks_alone():
     """It turns while sound tracks stand, so that at first they seem to say nothing."""
     drive = robot_drive(3, seconds=30.0)

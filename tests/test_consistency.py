@@ -32,7 +32,6 @@ def modelled(seed, *, rate_walk_factor=1.0, bias_walk_factor=1.0, slip_factor=1.
         initial_scale_sigma=0.05,  # of tracks alone, 1 / scale matters; beyond this it is far from linear
         camera_delay_sigma=0.005,  # this robot's turn rate changes a lot in more
         track_timing=0.0,  # the drawn stamps are right
-        compass_error=5e-4,  # of the drawn increments' 0.5e-3 to 2e-3 rad
         initial_yaw=STARTS[seed % len(STARTS)],
         watched_rate_walk=FusionConfig().rate_walk,  # the drawn robot moves alike whether a gyro watches or not
         rate_walk_factor=rate_walk_factor,

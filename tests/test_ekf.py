@@ -11,7 +11,7 @@ from compass import wrap_angle
 from fusion import FusionConfig
 from fusion.imu.tilt import BiasGain
 from fusion.state.bounds import ROUNDING
-from fusion.state.ekf import CLONES, DIM, LASTING, TURNING, YAWS, State, YawEkf
+from fusion.state.ekf import CLONES, DIM, TURNING, YAWS, State, YawEkf
 from fusion.updates.compass import compass_measurement
 from fusion.updates.gyro import gyro_measurement, turn_bias
 from fusion.updates.odometry import tracks_measurement
@@ -39,7 +39,7 @@ def expected_track_turn(x):
 
 
 def expected_compass(x, config, variance):
-    lasting = min(config.compass_error, math.sqrt(LASTING * variance))
+    lasting = math.sqrt(config.compass_error_share * variance)
     return x[State.YAW] - x[State.CLONE] + lasting * x[State.COMPASS_ERROR]
 
 
@@ -50,7 +50,7 @@ def test_jacobians_equal_finite_differences(ekf):
         (compass_measurement(ekf, 0.0, 1e-4, State.CLONE, State.YAW), lambda x: expected_compass(x, ekf.config, 1e-4)),
     ]
     far = compass_measurement(ekf, 0.0, 1e-4, State.CLONE, State.YAW, long_baseline=True)
-    lasting = math.sqrt(LASTING * 1e-4)
+    lasting = math.sqrt(ekf.config.compass_error_share * 1e-4)
     pairs.append((far, lambda x: x[State.YAW] - x[State.CLONE] + lasting * x[State.LONG_BASELINE_ERROR]))
     step = 1e-6  # all models are at most bilinear, so central differences err by rounding alone: 1e-16 / 1e-6
     for measurement, expected in pairs:

@@ -4,6 +4,7 @@ import math
 
 import pytest
 
+from compass import YawIncrement
 from fusion.buffer.events import Sensor
 from fusion.checks.alternative import Third
 from fusion.checks.contradiction import contradict
@@ -11,6 +12,7 @@ from fusion.checks.gyro_faults import surely_gyro
 from fusion.checks.isolation import Isolation
 from fusion.checks.isolation_rules import judge
 from fusion.checks.windows import Claim, RateTurn, Window
+from fusion.updates.standstill import CompassTurn
 
 S = 500_000_000  # ns, a window
 
@@ -68,6 +70,40 @@ def test_bias_that_steps_is_found_and_the_images_are_followed():
         robot.see(gyro=turn + 5.0, compass=turn)
     assert robot.yaw == pytest.approx(14.0, abs=0.1)
     assert robot.bias == pytest.approx(10.0, abs=0.1)
+
+
+def test_small_step_of_the_bias_shows_in_several_windows():
+    """The images are followed, the bias is forgotten, and that there was no step stays possible."""
+    robot = Robot()
+    for turn in (0.0, 0.0, 0.5, 1.0, 0.0):
+        robot.see(gyro=turn + 0.3, compass=turn)
+    assert not robot.iso.exclusions
+    alternative = robot.iso.alternative(Sensor.GYRO)
+    assert alternative is not None
+    assert math.degrees(alternative.offset) > 0.5
+    assert robot.yaw < 1.5 + 0.3 * 3  # by no more than the windows since it is ahead
+
+
+def test_what_may_be_a_scale_factor_is_no_step_of_the_bias():
+    robot = Robot()
+    for turn in (8.0, 8.0, 8.0, 8.0):
+        robot.see(gyro=1.05 * turn, compass=turn)
+    assert not robot.iso.alternatives
+    assert not robot.iso.exclusions
+
+
+def test_windows_from_one_keyframe_have_the_noise_of_two_images_together():
+    """What the image between them erred by is in both, with the opposite sign."""
+    first, last, variance = 0, 4, 1e-6
+    increments = [YawIncrement(first, first + k, 0.01 * k, variance, 1.0) for k in range(1, last + 1)]
+    claims, turn = [], CompassTurn.begin(increments[0])
+    for increment in increments[1:]:
+        turn = turn.add(increment)
+        claims.append(Claim(turn.turn, math.sqrt(turn.turn_variance), begin=turn.first, end=turn.last))
+        turn = CompassTurn.begin(increment)
+    joined = claims[0].plus(claims[1]).plus(claims[2])
+    assert joined.turn == pytest.approx(0.03)
+    assert joined.noise**2 == pytest.approx(2.0 * variance)
 
 
 def test_late_gyro_is_not_believed_for_turning_steadily():

@@ -13,7 +13,6 @@ from torture.drives import drive
 from compass import YawIncrement
 from fusion import FusionConfig, GyroSample, OdometrySample, YawFusion
 from fusion.smoother import smooth
-from fusion.state.ekf import LASTING
 
 # normal priors, as drawn
 PRIORS = {
@@ -31,7 +30,6 @@ LINEAR = FusionConfig(
     watched_rate_walk=1.0,
     compass_timing=0.0,
     camera_delay_sigma=0.0,
-    compass_error=5e-4,
 )
 
 
@@ -65,7 +63,7 @@ def batch(samples, config):
         if isinstance(s, GyroSample):
             equation([(at[s.t_ns] + 1, 1.0), (at[s.t_ns] + 2, 1.0)], s.yaw_rate, config.gyro_sigma)
         else:
-            lasting = min(config.compass_error**2, LASTING * s.variance)
+            lasting = config.compass_error_share * s.variance
             terms = [(at[s.t_ns], 1.0), (at[s.t_ref_ns], -1.0), (at[s.t_ns] + 3, math.sqrt(lasting))]
             equation(terms, s.yaw, math.sqrt(s.variance - lasting))
     A = np.array(rows)
@@ -87,7 +85,7 @@ def test_smoothed_yaw_of_linear_drive_equals_batch_least_squares():
 
 @pytest.mark.parametrize("sensors", SUBSETS, ids="+".join)
 def test_smoothed_ends_where_the_filter_ends(sensors):
-    config = FusionConfig(camera_delay_sigma=0.005, compass_error=5e-4)
+    config = FusionConfig(camera_delay_sigma=0.005)
     drive = drawn_drive(2, sensors, 4.0, config)
     far = far_increments(drive, 2) if "compass" in sensors else []
     samples = sorted([*drive.samples, *far], key=lambda sample: sample.t_ns)
@@ -104,7 +102,7 @@ def errors(drive, estimates):
 @pytest.mark.parametrize("sensors", [s for s in SUBSETS if "compass" in s or len(s) > 1], ids="+".join)
 def test_smoothed_error_is_below_the_filters(sensors):
     filtered, smoothed, normalised = [], [], []
-    config = FusionConfig(rate_walk=0.5, camera_delay_sigma=0.005, compass_error=5e-4, gyro_scale_sigma=0.001, **PRIORS)
+    config = FusionConfig(rate_walk=0.5, camera_delay_sigma=0.005, gyro_scale_sigma=0.001, **PRIORS)
     for seed in range(24):
         drive = drawn_drive(seed, sensors, 8.0, config, gyro_hz=25, track_hz=10, compass_hz=5)
         fusion, estimates = YawFusion(config), []

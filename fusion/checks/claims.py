@@ -19,7 +19,7 @@ def gyro_claim(turns: Turns, start_ns: int, t_ns: int, config: FusionConfig, gyr
     noise = config.gyro_sigma * math.sqrt(gyro_noise) * seconds / math.sqrt(gyro.count)
     held = config.rate_walk * ((t_ns - gyro.t_ns) * 1e-9) ** 1.5 / math.sqrt(3.0)  # since its last sample
     noise = math.hypot(noise, known.bias_sigma * seconds, held, math.sqrt(gyro.unseen))
-    return Claim(turn, noise, known.gyro_scale_sigma / gain)
+    return Claim(turn, noise, known.gyro_scale_sigma / gain, end=held**2)
 
 
 def tracks_claim(

@@ -40,7 +40,8 @@ class Remedy:
     shift, shift_variance : float
         To add to the yaw, rad, and to its variance, rad^2.
     bias, bias_sigma : float or None, float
-        What the gyro's bias seems to be, and its standard deviation, rad/s; None where nothing changes.
+        What the gyro's bias seems to be, and its standard deviation, rad/s, infinite where only that it is another is
+        known; None where nothing changes.
     fold : float
         Variance by which the frame of all yaws is known less, rad^2.
     delay : float

@@ -10,12 +10,13 @@ from fusion.checks.contradiction import GROSS, contradict
 from fusion.checks.gyro_faults import TURNED, rebias, surely_gyro
 from fusion.checks.isolation import Isolation, Judged, Remedy
 from fusion.checks.isolation_recovery import as_it_was, judge_excluded, settle_alternatives, with_window
-from fusion.checks.windows import Claim, Window
+from fusion.checks.windows import WINDOW_NS, Claim, Window
 
-# Not derived: `LONG`, `STUCK`, `SLIPPED_ON`, `STEADY`, `STEADY_WINDOWS`.
+# Not derived: `LONG`, `STUCK`, `SLIPPED_ON`, `STEADY`, `STEADY_WINDOWS`, `SCALED`.
 LONG = 6.0  # s; in longer ones errors that last are no noise any more
 STUCK = 0.2  # ratio of turns; less is no scale factor
 STEADY, STEADY_WINDOWS = 0.2, 2  # by so much of itself a bias changes; windows that show it
+SCALED = 0.1  # of a turn; who differs by less may have another scale factor, which the filter learns
 SLIPPED_ON = 3  # windows; tracks that slip for longer do not see the robot turn
 
 
@@ -55,10 +56,36 @@ def _judge_long(iso: Isolation, window: Window, bias: float) -> Judged:
     """Judge several windows as one, in which nothing contradicted so far."""
     before = iso.long if iso.long and iso.long.t_ns == window.start_ns else None
     long = before.plus(window) if before else window
-    iso, remedy = _judge_trusted(replace(iso, last=None), long, bias) if before else (iso, Remedy())
+    rule = _gyro_steps if before and _differ_slightly(iso, long) else _judge_trusted
+    iso, remedy = rule(replace(iso, last=None), long, bias) if before else (iso, Remedy())
     if remedy.shift or iso.exclusions or iso.alternatives:
         return replace(iso, last=None, long=None), remedy
     return replace(iso, last=window, long=long if long.seconds < LONG else None), remedy
+
+
+def _differ_slightly(iso: Isolation, long: Window) -> bool:
+    """Whether gyro and compass differ by so little that only several windows together show it, and not by a factor."""
+    gyro, compass = iso.trusted(Sensor.GYRO, long), iso.trusted(Sensor.COMPASS, long)
+    if gyro is None or compass is None:
+        return False
+    off, least = abs(gyro.turn - compass.turn), max(GROSS * WINDOW_NS * 1e-9, SCALED * abs(compass.turn))
+    return least < off <= GROSS * long.seconds and contradict(gyro, compass, 0.0)
+
+
+def _gyro_steps(iso: Isolation, long: Window, bias: float) -> Judged:
+    """Take it for a step of the gyro's bias, which is what is small and lasts; that there was none is the alternative.
+
+    How large the step was the filter finds out: in so long a window the rate may have changed, and a delay may matter.
+    """
+    gyro, compass = long.gyro, long.compass
+    if gyro is None or compass is None:
+        return iso, Remedy()
+    off = gyro.turn - compass.turn
+    third = Third().plus(long.tracks, gyro.turn, -off).swapped()
+    iso = iso.noting(long).with_alternative(
+        Alternative(Sensor.GYRO, long.start_ns, off, bias, third, long.t_ns, off / long.seconds)
+    )
+    return iso, Remedy.of((iso.following(Sensor.COMPASS, long), Remedy(bias=bias)))
 
 
 def _judge_trusted(iso: Isolation, window: Window, bias: float) -> Judged:

@@ -259,19 +259,26 @@ class Claim:
         Standard deviation of its scale factor, as a fraction.
     at_worst : float
         Noise that it may have nevertheless, rad, where `noise` is what the gate let pass lately.
+    begin, end : float
+        What of the noise's variance, rad^2, is in the window before, or in the next one, too, with the opposite sign:
+        the error of the image between them, or of the gyro's rate held until then.
     """
 
     turn: float
     noise: float
     scale: float = 0.0
     at_worst: float = 0.0
+    begin: float = 0.0
+    end: float = 0.0
 
     def plus(self, later: Claim | None) -> Claim | None:
         """Of this window and the next one together."""
         if later is None:
             return None
-        noise, worst = math.hypot(self.noise, later.noise), math.hypot(self.at_worst, later.at_worst)
-        return Claim(self.turn + later.turn, noise, max(self.scale, later.scale), worst)
+        variance = max(self.noise**2 - self.end, 0.0) + max(later.noise**2 - later.begin, 0.0)
+        worst = math.hypot(self.at_worst, later.at_worst)
+        turn, scale = self.turn + later.turn, max(self.scale, later.scale)
+        return Claim(turn, math.sqrt(variance), scale, worst, self.begin, later.end)
 
     @property
     def sigma(self) -> float:

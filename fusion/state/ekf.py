@@ -32,8 +32,7 @@ from fusion.state.process_models import integrate_gauss_markov, turning
 
 Array = npt.NDArray[np.float64]
 CLONES = 5  # two images and a keyframe; two views some seconds apart
-# Not derived: `LASTING`. Half or twice the `DELAY_WALK` changes nothing (docs/lab-notes/filter-2026-11-28.md).
-LASTING = 0.5  # share of an increment's variance that is taken to last beyond it, of one from the keyframe at most
+# Half or twice the `DELAY_WALK` changes nothing (docs/lab-notes/filter-2026-11-28.md).
 DELAY_WALK = 0.2  # 1/sqrt(s), wander of the camera's delay over the timestamp jitter
 
 

@@ -15,7 +15,7 @@ from fusion.checks.gate import Verdict
 from fusion.checks.windows import WINDOW_NS
 from fusion.imu.tilt import heading_change
 from fusion.state.clones import Clone
-from fusion.state.ekf import DIM, LASTING, Measurement, State, YawEkf
+from fusion.state.ekf import DIM, Measurement, State, YawEkf
 from fusion.updates.gating import Gating
 from fusion.updates.image_timing import Exposure, clone_exposure, exposure_of
 
@@ -142,11 +142,11 @@ def compass_measurement(
     """What an increment (rad, variance rad^2) between the clones `since` and `until` says, modulo a turn.
 
     Part of its error lasts from image to image and beyond the reference (parallax keeps its sign while the robot
-    passes the same things): a Gauss-Markov state of `compass_error`, or `LASTING` of the variance if that is less;
-    of an increment from some seconds ago another one, of `LASTING` of the variance.
+    passes the same things): a Gauss-Markov state, which is `compass_error_share` of the variance; of an increment from
+    some seconds ago another one.
     """
     error = State.LONG_BASELINE_ERROR if long_baseline else State.COMPASS_ERROR
-    lasting = LASTING * variance if long_baseline else min(ekf.config.compass_error**2, LASTING * variance)
+    lasting = ekf.config.compass_error_share * variance
     H = np.zeros((1, DIM))
     H[0, until], H[0, since] = 1.0, -1.0
     H[0, error] = math.sqrt(lasting)

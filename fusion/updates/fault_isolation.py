@@ -83,7 +83,8 @@ class FaultIsolation:
         ekf, config = state.ekf, self._config
         if remedy.bias is not None:
             ekf.renew(State.BIAS, min(remedy.bias_sigma, JUMPED_BIAS) ** 2, remedy.bias)
-            ekf.renew(State.GYRO_SCALE, config.gyro_scale_sigma**2)  # it was learnt with that bias
+            if math.isfinite(remedy.bias_sigma):  # else it may as well be the scale that is another
+                ekf.renew(State.GYRO_SCALE, config.gyro_scale_sigma**2)  # it was learnt with that bias
             state.agreement = None
         if remedy.rate is not None:
             ekf.renew(State.RATE, config.initial_rate_sigma**2, remedy.rate)
@@ -116,7 +117,10 @@ class FaultIsolation:
         x, turns, t_ns = state.ekf.x, state.turns, state.t_ns or 0
         compass = turns.compass
         slip = state.slip_turn.variance, state.slip_speed.variance
-        seen = Claim(compass.turn, math.sqrt(compass.turn_variance)) if compass and compass.t_ns == t_ns else None
+        seen = None
+        if compass and compass.t_ns == t_ns:
+            noise, ends = math.sqrt(compass.turn_variance), {"begin": compass.first, "end": compass.last}
+            seen = Claim(compass.turn, noise, **ends)
         repeats = turns.gyro is not None and turns.gyro.repeats >= max(turns.gyro.count, SAME_NUMBER)
         return Window(
             start_ns,

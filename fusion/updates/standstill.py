@@ -70,7 +70,10 @@ class Running:
 
 @dataclass(frozen=True, slots=True)
 class CompassTurn:
-    """Turn (rad) the compass has seen since `start_ns`: an increment less `offset`, whose variance is `variance`."""
+    """Turn (rad) the compass has seen since `start_ns`: an increment less `offset`, whose variance is `variance`.
+
+    `first` and `last` are the variances of the increments at its start and at its end.
+    """
 
     start_ns: int
     t_ns: int
@@ -79,12 +82,14 @@ class CompassTurn:
     variance: float
     turn: float
     turn_variance: float
+    first: float
+    last: float
 
     @staticmethod
     def begin(increment: YawIncrement) -> CompassTurn:
         """Count from the increment's image on."""
         i = increment
-        return CompassTurn(i.t_ns, i.t_ns, i.t_ref_ns, i.yaw, i.variance, 0.0, 2.0 * i.variance)
+        return CompassTurn(i.t_ns, i.t_ns, i.t_ref_ns, i.yaw, i.variance, 0.0, 2.0 * i.variance, i.variance, i.variance)
 
     def add(self, increment: YawIncrement) -> CompassTurn:
         """With the next increment; counts from it anew if its reference cannot be joined to what went before."""
@@ -95,7 +100,8 @@ class CompassTurn:
         elif i.t_ref_ns != self.reference_ns:
             return CompassTurn.begin(i)
         turn = self.turn + float(wrap_angle(i.yaw - offset - self.turn))
-        return CompassTurn(self.start_ns, i.t_ns, i.t_ref_ns, offset, variance, turn, variance + i.variance)
+        total = variance + i.variance
+        return CompassTurn(self.start_ns, i.t_ns, i.t_ref_ns, offset, variance, turn, total, self.first, i.variance)
 
     @property
     def quiet(self) -> bool:

@@ -57,7 +57,7 @@ def straying():
 
 def leaning():
     """RMS and worst yaw error, deg, of three robots on a slope, and the mean of error squared over variance."""
-    drawn = FusionConfig(compass_error=5e-4 * 0.5**0.5, compass_error_time=1.0)  # as `robot_drive` says
+    drawn = FusionConfig(compass_error_time=1.0)  # as `robot_drive` says
     for name, told in (("unknown", False), ("known", True)):
         for lean in (0.0, 10.0, 20.0, 30.0):
             errors, normalised = [], []
