@@ -18,7 +18,7 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
-from fusion.buffer.events import Sensor
+from fusion.buffer.events import FOREVER_NS, Sensor
 from fusion.checks.alternative import Alternative
 from fusion.checks.exclusion import Exclusion, fits_anything
 from fusion.checks.time_offset import EVERY_WINDOWS, TimeOffset, Turned, time_offset, with_window
@@ -48,6 +48,8 @@ class Remedy:
         By how much more than thought the images seem to be stamped late, s.
     rate : float or None
         The turn rate that the robot has instead of what the gyro said, rad/s.
+    since_ns : int
+        Since when the yaws that are taken back are wrong.
     """
 
     shift: float = 0.0
@@ -57,6 +59,7 @@ class Remedy:
     fold: float = 0.0
     delay: float = 0.0
     rate: float | None = None
+    since_ns: int = FOREVER_NS
 
     @staticmethod
     def of(remedies: Iterable[Remedy]) -> Remedy:
@@ -66,7 +69,8 @@ class Remedy:
             bias = (total.bias, total.bias_sigma) if one.bias is None else (one.bias, one.bias_sigma)
             shift = total.shift + one.shift, total.shift_variance + one.shift_variance
             rate = total.rate if one.rate is None else one.rate
-            total = Remedy(*shift, *bias, total.fold + one.fold, total.delay + one.delay, rate)
+            since_ns = min(total.since_ns, one.since_ns)
+            total = Remedy(*shift, *bias, total.fold + one.fold, total.delay + one.delay, rate, since_ns)
         return total
 
 
@@ -149,7 +153,7 @@ class Isolation:
         if not claims:
             return Remedy()
         shift = claims[0][0].corrected + sum(claim.turn - one.followed for one, claim in claims)
-        return Remedy(shift, sum(claim.sigma**2 for _, claim in claims))
+        return Remedy(shift, sum(claim.sigma**2 for _, claim in claims), since_ns=claims[0][0].start_ns)
 
     def needed(self, sensor: Sensor) -> int:
         """In how many telling windows in a row an excluded sensor must agree to be trusted again."""

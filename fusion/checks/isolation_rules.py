@@ -85,7 +85,7 @@ def _gyro_steps(iso: Isolation, long: Window, bias: float) -> Judged:
     iso = iso.noting(long).with_alternative(
         Alternative(Sensor.GYRO, long.start_ns, off, bias, third, long.t_ns, off / long.seconds)
     )
-    return iso, Remedy.of((iso.following(Sensor.COMPASS, long), Remedy(bias=bias)))
+    return iso, Remedy.of((iso.following(Sensor.COMPASS, long), Remedy(bias=bias, rate=compass.turn / long.seconds)))
 
 
 def _judge_trusted(iso: Isolation, window: Window, bias: float) -> Judged:

@@ -12,7 +12,6 @@ from compass import YawIncrement, wrap_angle
 from compass.tilt import Vector
 from fusion.buffer.events import CompassEvent, ReferenceEvent, Sensor
 from fusion.checks.gate import Verdict
-from fusion.checks.windows import WINDOW_NS
 from fusion.imu.tilt import heading_change
 from fusion.state.clones import Clone
 from fusion.state.ekf import DIM, Measurement, State, YawEkf
@@ -72,18 +71,18 @@ class CompassUpdate:
             slot = self.remember(state, event.sample.t_ref_ns, reference=True)
         up = state.trail.up_at(event.t_ns - round(1e9 * float(ekf.x[State.CAMERA_DELAY])))
         increment = _levelled(event.sample, up)
-        began_ns = state.turns.start_ns
-        exposure, moved, kept = None, False, False
+        exposure, wrong_ns, kept = None, None, False
         if not increment.long_baseline:
             exposure = exposure_of(state)
-            moved = self._isolation.take_turn(state, increment, slot if known else None, exposure)
+            wrong_ns = self._isolation.take_turn(state, increment, slot if known else None, exposure)
             if state.turns.start_ns == event.t_ns:  # a window was judged: gyro and delay may be others now
                 exposure = None
-        if moved and began_ns is not None:  # yaws of the window that was taken back, or of the one before, are wrong
-            state.clones = state.clones.until(began_ns - WINDOW_NS, but=slot)
+        moved = wrong_ns is not None
+        if wrong_ns is not None:
+            state.clones = state.clones.until(wrong_ns, but=slot)
             clone = state.clones[slot]
-            kept = known and clone is not None and clone.placed_ns <= began_ns - WINDOW_NS
-        elif not moved:
+            kept = known and clone is not None and clone.placed_ns <= wrong_ns
+        else:
             _allow_for_refused_gyro(state, event.t_ns)
         state.clones = state.clones.used(slot, event.t_ns)
         image = self.remember(state, event.t_ns, reference=False, exposure=exposure)

@@ -15,7 +15,7 @@ from fusion.checks.gate import Verdict
 from fusion.checks.isolation import Remedy
 from fusion.checks.isolation_rules import judge
 from fusion.checks.refusal import Refusal
-from fusion.checks.windows import BEYOND, LONGEST_WINDOW_NS, SAME_NUMBER, Claim, Start, Window
+from fusion.checks.windows import BEYOND, LONGEST_WINDOW_NS, SAME_NUMBER, WINDOW_NS, Claim, Start, Window
 from fusion.config import FusionConfig
 from fusion.state.ekf import Measurement, State
 from fusion.state.filter_state import FilterState
@@ -36,8 +36,8 @@ class FaultIsolation:
     def __init__(self, config: FusionConfig) -> None:
         self._config = config
 
-    def take_turn(self, state: FilterState, increment: YawIncrement, slot: int | None, until: Exposure) -> bool:
-        """Compare an increment `until` an image with what the others say of that turn; whether the yaw was moved."""
+    def take_turn(self, state: FilterState, increment: YawIncrement, slot: int | None, until: Exposure) -> int | None:
+        """Compare an increment `until` an image with what the others say of that turn; returns as `compare`."""
         ekf = state.ekf
         clone = state.clones[slot] if slot is not None else None
         since = clone.exposure if clone else until
@@ -47,11 +47,14 @@ class FaultIsolation:
         lag = until.turn - since.turn - since.rate * (until.delay - since.delay)
         witness = replace(increment, yaw=increment.yaw + lag, variance=increment.variance + timing)
         state.turns = state.turns.with_increment(witness)
-        return state.turns.ends_at_image() and self.compare(state, witness)
+        return self.compare(state, witness) if state.turns.ends_at_image() else None
 
-    def compare(self, state: FilterState, increment: YawIncrement | None) -> bool:
-        """End a window: judge what the sensors say of it, and do what follows; whether the yaw was moved."""
-        ekf, turns, t_ns, moved = state.ekf, state.turns, state.t_ns or 0, False
+    def compare(self, state: FilterState, increment: YawIncrement | None) -> int | None:
+        """End a window: judge what the sensors say of it, and do what follows.
+
+        Returns since when the yaws before were wrong, ns, where the yaw was moved; else None.
+        """
+        ekf, turns, t_ns, wrong_ns = state.ekf, state.turns, state.t_ns or 0, None
         start_ns = turns.start_ns if turns.start_ns is not None else t_ns
         joined = increment is None or (turns.compass is not None and turns.compass.start_ns == start_ns)
         if joined and 0 < t_ns - start_ns <= LONGEST_WINDOW_NS:
@@ -67,7 +70,8 @@ class FaultIsolation:
                 # images from references of before claim all that was refused, not what this window adds to it
                 claimed = max(alternative.offset, state.refusal.last - remedy.shift, key=abs)
                 state.isolation = state.isolation.with_alternative(replace(alternative, offset=claimed))
-            moved = self._apply(state, remedy)
+            if self._apply(state, remedy):
+                wrong_ns = min(remedy.since_ns, start_ns - WINDOW_NS)
             state.warnings = warnings_of(state.isolation)
             if state.isolation.excludes(Sensor.GYRO):
                 state.trail = GyroTrail()
@@ -76,7 +80,7 @@ class FaultIsolation:
                 if not before.excludes(Sensor.COMPASS):  # it was learnt from images that may have erred for long
                     ekf.renew(State.GYRO_SCALE, self._config.gyro_scale_sigma**2)
         state.turns = state.turns.anew(t_ns, Start.of(ekf, standing=state.stillness.standing), increment)
-        return moved
+        return wrong_ns
 
     def _apply(self, state: FilterState, remedy: Remedy) -> bool:
         """Do what has to be done after a window; whether the yaw was moved."""
