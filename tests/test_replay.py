@@ -6,7 +6,7 @@ import weakref
 from dataclasses import dataclass, replace
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from sensor_model import drawn_drive, far_increments
 
@@ -235,7 +235,11 @@ def with_gap(sample):
     return sample
 
 
+KNOWN = 5  # samples
+
+
 @settings(max_examples=8, deadline=None)
+@example(2**32 - 1, 0.5)
 @given(st.integers(0, 2**32), st.floats(0.0, 0.95))
 def test_any_arrival_with_silences_and_wrong_stamps_gives_the_same_bits(seed, lateness):
     rng = random.Random(seed)
@@ -246,10 +250,10 @@ def test_any_arrival_with_silences_and_wrong_stamps_gives_the_same_bits(seed, la
     arrivals = [(s.t_ns + rng.uniform(0.0, lateness) * 1e9, s) for s in drive]
     wrong = [shifted(s, (k + 2) * 10 * SECOND) for k, s in enumerate(rng.sample(drive, 20))]
     arrivals += [(rng.choice(drive).t_ns + 1e8, s) for s in wrong]
-    # before anything is known, no stamp can be told to be wrong
+    # before anything is known, no stamp can be told to be wrong: two that are may outvote a single sample
     arrivals.sort(key=lambda arrival: arrival[0])
-    while arrivals[0][1] in wrong:
-        arrivals.pop(0)
+    known = next(k for k in range(len(arrivals)) if sum(s not in wrong for _, s in arrivals[:k]) == KNOWN)
+    arrivals = [(t, s) for k, (t, s) in enumerate(arrivals) if k >= known or s not in wrong]
     for _, sample in arrivals:
         late.add(sample)
     assert late.state.x.tobytes() == ordered.state.x.tobytes()
