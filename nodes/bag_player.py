@@ -138,10 +138,10 @@ class BagPlayer(Node):
             time.sleep(0.02)
         if awaited:
             self.get_logger().warning(f"nobody subscribes to {', '.join(awaited)}; playing all the same")
+        time.sleep(SETTLE_S)
         if not self._is_told():
             self.get_logger().warning(f"nobody is there to tell on {self._config.image_done}; playing all the same")
             self._in_turn = None
-        time.sleep(SETTLE_S)
 
     def _is_told(self) -> bool:
         """Whether somebody would tell that an image is done, where that is waited for."""

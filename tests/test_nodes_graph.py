@@ -93,8 +93,11 @@ def test_pictures_that_are_lost_and_ends_that_do_not_match_are_named(robot, tmp_
         text = said(diagnostics, "images")
         assert "from /robot: its shared memory has 0.5 MB" in text
         assert "FASTRTPS_DEFAULT_PROFILES_FILE=" in text
-        lost = lambda: int(figures(diagnostics, "images")["lost on the way"])  # noqa: E731
-        send_until(lambda: send(large), lambda: lost() > 2, "more of them", 0.1)
+
+        def more_are_lost():
+            return int(figures(diagnostics, "images")["lost on the way"]) > 2
+
+        send_until(lambda: send(large), more_are_lost, "more of them", 0.1)
         wait_for(lambda: "lost on the way from /robot" in node.text(), "the loss in the log")
         gyro = "/robot sends nothing to us: reliable is asked for, best effort offered"
         wait_for(lambda: gyro in said(diagnostics, "gyro"), "the publisher that does not match")

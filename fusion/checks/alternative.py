@@ -14,12 +14,12 @@ from fusion.checks.windows import Claim, Window
 ALTERNATIVE_PROBABILITY = {Sensor.GYRO: 0.25, Sensor.COMPASS: 0.25, Sensor.TRACKS: 0.15}
 # The same of tracks against a view that was found again across a gap, twice: they slip and get lifted, it seldom errs.
 FOUND_AGAIN_PROBABILITY = 0.1
-# Not derived: `LONGEST_ROW_NS`, `AGREEING`, `DECIDED`, `LEAST_SCALE`, `NEARER`.
+# Not derived: `LONGEST_ROW_NS`, `AGREEING`.
 LONGEST_ROW_NS = 1_000_000_000  # after a window a contradiction is taken to go on for, until the next one is judged
 AGREEING = 0.4  # of the way from one to the other; a third that is farther beyond both contradicts both
-DECIDED = 2.5  # standard deviations by which a third is nearer to one than to the other if it takes its side
-LEAST_SCALE = 0.05  # who claims less has not turned along
-NEARER = 0.45  # of the squared misfit with the other; on 0.4 of the way it is that of the nearer one
+DECIDED = 2.0 * math.log(20.0)  # by which squared misfits differ where one side is twenty times as likely
+LEAST_SCALE = 0.05  # of tracks, as `initial_scale` has it; who claims less has not turned along
+NEARER = (AGREEING / (1.0 - AGREEING)) ** 2  # of the other squared misfit: so far on the way to it
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,7 +94,7 @@ class Third:
         """Whether it takes the side of the alternative; None where it is too vague, or on neither side."""
         followed, other = (one.misfit(self.claims, self.scale) for one in (self.followed, self.other))
         nearest, farthest = min(followed, other), max(followed, other)
-        if farthest - nearest < DECIDED**2 or nearest > NEARER * farthest:
+        if farthest - nearest < DECIDED or nearest > NEARER * farthest:
             return None
         return other < followed
 

@@ -43,14 +43,14 @@ def settle_alternatives(iso: Isolation, window: Window, bias: float) -> Judged:
                 side = alternative.sensor is Sensor.COMPASS if side is None else side
             elif window.part and side is None:
                 side = alternative.sensor is Sensor.GYRO
-                if side:  # images have moved the yaw before that was known, by nobody knows how much
-                    remedies.append(Remedy(fold=alternative.variance(window.t_ns)))
         if alternative.sensor is Sensor.GYRO and _other_bias_at_rest(alternative, window, bias):
             side = False
         if side is False:  # it erred: the one that is followed is right
             iso = iso.without_alternative(alternative.sensor)
         elif side is True:
             iso, remedy = _follow(iso, alternative, window)
+            if window.part and alternative.third.side is None:  # images moved the yaw before, nobody knows how far
+                remedy = replace(remedy, fold=alternative.variance(window.t_ns))
             remedies.append(remedy)
         elif not iso.excludes(alternative.sensor) and _as_before(iso, alternative, window, bias):
             iso = iso.without_alternative(alternative.sensor)

@@ -56,31 +56,28 @@ def _judge_long(iso: Isolation, window: Window, bias: float) -> Judged:
     """Judge several windows as one, in which nothing contradicted so far."""
     before = iso.long if iso.long and iso.long.t_ns == window.start_ns else None
     long = before.plus(window) if before else window
-    rule = _gyro_steps if before and _differ_slightly(iso, long) else _judge_trusted
-    iso, remedy = rule(replace(iso, last=None), long, bias) if before else (iso, Remedy())
+    remedy = Remedy()
+    if before:
+        alone = replace(iso, last=None)
+        iso, remedy = _gyro_steps(alone, long, bias) or _judge_trusted(alone, long, bias)
     if remedy.shift or iso.exclusions or iso.alternatives:
         return replace(iso, last=None, long=None), remedy
     return replace(iso, last=window, long=long if long.seconds < LONG else None), remedy
 
 
-def _differ_slightly(iso: Isolation, long: Window) -> bool:
-    """Whether gyro and compass differ by so little that only several windows together show it, and not by a factor."""
+def _gyro_steps(iso: Isolation, long: Window, bias: float) -> Judged | None:
+    """Take it for a step of the gyro's bias where gyro and compass differ by so little that only many windows show it.
+
+    That there was none is the alternative. How large it was the filter finds out: in so long a window the rate may have
+    changed, and a delay may matter. None where they do not differ so, or by what may be a factor.
+    """
     gyro, compass = iso.trusted(Sensor.GYRO, long), iso.trusted(Sensor.COMPASS, long)
     if gyro is None or compass is None:
-        return False
-    off, least = abs(gyro.turn - compass.turn), max(GROSS * WINDOW_NS * 1e-9, SCALED * abs(compass.turn))
-    return least < off <= GROSS * long.seconds and contradict(gyro, compass, 0.0)
-
-
-def _gyro_steps(iso: Isolation, long: Window, bias: float) -> Judged:
-    """Take it for a step of the gyro's bias, which is what is small and lasts; that there was none is the alternative.
-
-    How large the step was the filter finds out: in so long a window the rate may have changed, and a delay may matter.
-    """
-    gyro, compass = long.gyro, long.compass
-    if gyro is None or compass is None:
-        return iso, Remedy()
+        return None
     off = gyro.turn - compass.turn
+    least = max(GROSS * WINDOW_NS * 1e-9, SCALED * abs(compass.turn))
+    if not (least < abs(off) <= GROSS * long.seconds and contradict(gyro, compass, 0.0)):
+        return None
     third = Third().plus(long.tracks, gyro.turn, -off).swapped()
     iso = iso.noting(long).with_alternative(
         Alternative(Sensor.GYRO, long.start_ns, off, bias, third, long.t_ns, off / long.seconds)

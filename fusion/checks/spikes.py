@@ -8,15 +8,13 @@ from statistics import median
 
 from compass import wrap_angle
 from fusion.buffer.events import Sensor
-from fusion.checks.silence import OFTEN, PAUSES_NS
+from fusion.checks.silence import FEWEST_GAPS, OFTEN, PAUSES_NS, PERIOD_GAPS
 from fusion.checks.warnings import Warning
-from fusion.checks.windows import FASTEST_CHANGE
+from fusion.checks.windows import COMES_BACK, FASTEST_CHANGE, FASTEST_ROBOT
 from fusion.samples import GyroSample, OdometrySample
 
-STEPS = 20  # from sample to sample, whose median is what the sensor usually changes by
-FEWEST_STEPS = 5  # of them before that is known
-USUAL = 10.0  # medians: normal noise changes by 1 in the median, by 7 once in a million samples
-LONGEST_SPIKE_NS = 250_000_000  # not derived
+USUAL = 10.0  # medians of the changes between samples: normal noise exceeds 7 once in a million
+LONGEST_SPIKE_NS = round(1e9 * FASTEST_ROBOT / FASTEST_CHANGE)  # after which a robot may turn at any rate
 
 
 @dataclass(slots=True)
@@ -40,7 +38,7 @@ class SpikeTrain:
     t_ns: int
     steady_ns: int
     steady_rate: float
-    steps: deque[float] = field(default_factory=lambda: deque(maxlen=STEPS))
+    steps: deque[float] = field(default_factory=lambda: deque(maxlen=PERIOD_GAPS))
     off: list[tuple[int, float]] = field(default_factory=list)
     found: deque[tuple[int, float]] = field(default_factory=deque)
 
@@ -49,13 +47,12 @@ class SpikeTrain:
         if t_ns <= self.t_ns:
             return
         self.t_ns, off = t_ns, abs(rate - self.steady_rate)
-        usual = USUAL * median(self.steps) if len(self.steps) >= FEWEST_STEPS else 0.0
-        if off > max(FASTEST_CHANGE * (t_ns - self.steady_ns) * 1e-9, usual):
+        if off > FASTEST_CHANGE * (t_ns - self.steady_ns) * 1e-9 and off > self._usual():
             self.off.append((t_ns, off))
             if t_ns - self.steady_ns <= LONGEST_SPIKE_NS:
                 return
             self.off.clear()  # it stays there: no spike
-        elif self.off and off < 0.5 * max(size for _, size in self.off):
+        elif self.off and off < COMES_BACK * max(size for _, size in self.off):
             self.found += self.off
         if not self.off:
             self.steps.append(off)
@@ -63,6 +60,10 @@ class SpikeTrain:
         self.steady_ns, self.steady_rate = t_ns, rate
         while self.found and self.found[0][0] <= t_ns - PAUSES_NS:
             self.found.popleft()
+
+    def _usual(self) -> float:
+        """What the rate of this sensor changes by without turning, at most, rad/s."""
+        return USUAL * median(self.steps) if len(self.steps) >= FEWEST_GAPS else 0.0
 
 
 class SpikeWatch:
@@ -105,7 +106,7 @@ def _words(sensor: Sensor, found: deque[tuple[int, float]]) -> Warning:
     largest = max(size for _, size in found)
     text = (
         f"{sensor.value}: {len(found)} samples within {PAUSES_NS * 1e-9:.0f} s stand out by up to {largest:.3g} rad/s"
-        " from those before and after, as no robot turns to and back from: refused, but the true turn is missing there;"
-        " check the sensor's bus, cable and driver, and its mount where the robot is shaken"
+        " from those before and after, as no robot turns to and back from; single ones are refused, and what it turned"
+        " meanwhile is missing: check the sensor's bus, cable and driver, and its mount where the robot is shaken"
     )
     return Warning("sensor_spikes", sensor.value, found[0][0], text)

@@ -25,6 +25,7 @@ LONGEST_WINDOW_NS = 5_000_000_000  # a sensor's integral over longer says more o
 LONGEST_GAP = 0.4  # of a window, in which an integrated sensor may have been silent and still be a witness
 FASTEST_ROBOT = 4.0 * math.pi  # rad/s; two turns a second, faster than tracked robots spin
 FASTEST_CHANGE = FASTEST_ROBOT / 0.25  # rad/s^2: at its fastest in a quarter of a second; not derived
+COMES_BACK = 0.5  # of a spike is enough to be back, as the robot may turn meanwhile; not derived
 BEYOND = 4  # one sample in so many of a window beyond that is no spike
 SAME_NUMBER = 10  # samples in a row that are one number: no gyro that works does that
 
@@ -94,7 +95,7 @@ class RateTurn:
         if off > FASTEST_CHANGE * within:
             steady, spike = (self.steady_ns, self.steady_rate, self.steady_turn), max(spike, off)
         else:
-            if off < 0.5 * spike:  # it has come back
+            if off < COMES_BACK * spike:
                 turn = self.steady_turn + 0.5 * (self.steady_rate + rate) * within
             steady, spike = (t_ns, rate, turn), 0.0
         return RateTurn(

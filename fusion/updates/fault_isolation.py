@@ -123,8 +123,7 @@ class FaultIsolation:
         slip = state.slip_turn.variance, state.slip_speed.variance
         seen = None
         if compass and compass.t_ns == t_ns:
-            noise, ends = math.sqrt(compass.turn_variance), {"begin": compass.first, "end": compass.last}
-            seen = Claim(compass.turn, noise, **ends)
+            seen = Claim(compass.turn, math.sqrt(compass.turn_variance), begin=compass.first, end=compass.last)
         repeats = turns.gyro is not None and turns.gyro.repeats >= max(turns.gyro.count, SAME_NUMBER)
         return Window(
             start_ns,
