@@ -58,6 +58,13 @@ def test_what_robots_do_is_no_spike(samples):
     assert not told(samples)
 
 
+@pytest.mark.parametrize("seed", range(8))
+def test_noise_from_the_first_sample_on_is_no_spike(seed):
+    """Poses of 10 deg noise: from one to the next that is more than a robot can change by."""
+    rng = np.random.default_rng(seed)
+    assert not told([OdometrySample(k * 50_000_000, 0.0, 0.0, 0.2 * rng.normal()) for k in range(100)], Sensor.TRACKS)
+
+
 def test_spikes_of_long_ago_are_forgotten():
     samples = with_spikes(gyro(swaying, seconds=20.0), (300, 400, 500), 5.0)
     assert told(samples[:1200])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from dataclasses import dataclass, field
 from statistics import median
@@ -62,8 +63,8 @@ class SpikeTrain:
             self.found.popleft()
 
     def _usual(self) -> float:
-        """What the rate of this sensor changes by without turning, at most, rad/s."""
-        return USUAL * median(self.steps) if len(self.steps) >= FEWEST_GAPS else 0.0
+        """What the rate of this sensor changes by without turning, at most, rad/s; infinite until that is known."""
+        return USUAL * median(self.steps) if len(self.steps) >= FEWEST_GAPS else math.inf
 
 
 class SpikeWatch:
