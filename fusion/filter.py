@@ -22,7 +22,6 @@ from fusion.buffer.events import (
 from fusion.checks.diagnosis import adds_up
 from fusion.checks.scale_conflict import ScaleConflict
 from fusion.checks.silence import RATE_SILENT_NS
-from fusion.checks.windows import WINDOW_NS
 from fusion.config import FusionConfig
 from fusion.imu.tilt import TiltedTurn
 from fusion.state.bias_prior import BiasPrior
@@ -137,13 +136,14 @@ class YawFilter:
     def _doubt(before: FilterState, state: FilterState, event: FusionEvent) -> None:
         """Keep for good what the yaw owes to a gyro that is found to err, but for what was taken back of it.
 
-        Those are two windows, or all that an excluded compass claimed, or all since a reference from when two sensors
-        last agreed.
+        Those are two windows, or the first alone, or all that an excluded compass claimed, or all since a reference
+        from when two sensors last agreed.
         """
         known, began_ns = before.unconfirmed, before.turns.start_ns
         if known is None or began_ns is None or not (before.believes(Sensor.GYRO) and not state.believes(Sensor.GYRO)):
             return
-        claimed, back_ns = before.isolation.alternative(Sensor.COMPASS), began_ns - WINDOW_NS
+        claimed, last = before.isolation.alternative(Sensor.COMPASS), before.isolation.last
+        back_ns = last.start_ns if last is not None and last.t_ns == began_ns else began_ns
         if claimed is not None and state.isolation.alternative(Sensor.COMPASS) is None:
             back_ns = min(claimed.since_ns, back_ns)
         bridged = isinstance(event, CompassEvent) and event.sample.t_ref_ns <= known.since.t_ns
@@ -156,7 +156,7 @@ class YawFilter:
         refused = gate.rejecting_since_ns is not None
         window_over = state.turns.start_ns == event.t_ns and before.turns.start_ns is not None
         if unconfirmed is not None and window_over:
-            unconfirmed = unconfirmed.with_window(state.isolation.last)
+            unconfirmed = unconfirmed.with_window(state.isolation.last, state.belief, images=state.only_tracks_watch)
             beyond = unconfirmed.contradiction(state.belief) if state.only_tracks_watch else None
             if beyond is not None and not state.warnings:
                 state.warnings = (adds_up(Sensor.COMPASS, unconfirmed.since.t_ns, beyond),)
@@ -168,7 +168,9 @@ class YawFilter:
         elif window_over:
             agreed = not refused or state.isolation.contradicted
             if unconfirmed and not state.hears(Sensor.COMPASS):
-                agreed = unconfirmed.agrees(state.belief) or not state.believes(Sensor.TRACKS)
+                # tracks that have said nothing yet but zero may be right as long as nobody has agreed with anybody
+                witness = state.speaks(Sensor.TRACKS) if unconfirmed.beginning else state.believes(Sensor.TRACKS)
+                agreed = unconfirmed.agrees(state.belief) or not witness
         known = unconfirmed is not None and not unconfirmed.beginning
         if agreed and (known or sum(map(state.hears, Sensor)) > 1):
             unconfirmed = state.confirmed(self.config.initial_rate_sigma)

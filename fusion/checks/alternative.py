@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 
 from fusion.buffer.events import Sensor
 from fusion.checks.contradiction import CONTRADICTION_SIGMAS
+from fusion.checks.recovery import Recovery
 from fusion.checks.windows import Claim, Window
 
 # Of the alternative where nobody can decide: the variance of a mixture grows by that share of the squared difference of
@@ -109,6 +110,8 @@ class Alternative:
     since_ns : int
     offset : float
         Its yaw less the filter's, rad.
+    most : float
+        The largest that ever was, in magnitude: of tracks, whose scale factor is not known, it may be any until then.
     bias : float
         Bias with which its claims count if it is the gyro, rad/s.
     third : Third
@@ -117,6 +120,8 @@ class Alternative:
         End of the last window that is in the offset.
     rate : float
         At which the offset grew in it, rad/s: as long as nobody knows better, it goes on so.
+    recovery : Recovery or None
+        Whether it is as it was before; None before the first window since.
     no_bias : bool
         Whether a compass was followed before it, and no bias of the gyro explained all that they contradict by.
     """
@@ -129,15 +134,22 @@ class Alternative:
     until_ns: int | None = None
     rate: float = 0.0
     no_bias: bool = False
+    recovery: Recovery | None = None
+    most: float = 0.0
 
     def variance(self, t_ns: int) -> float:
         """What it adds at a time, ns, to that of the yaw, rad^2."""
         later_ns = 0 if self.until_ns is None else min(t_ns - self.until_ns, LONGEST_ROW_NS)
-        return ALTERNATIVE_PROBABILITY[self.sensor] * (self.offset + self.rate * later_ns * 1e-9) ** 2
+        offset = abs(self.offset + self.rate * later_ns * 1e-9)
+        if self.sensor is Sensor.TRACKS:
+            offset = max(offset, self.most)
+        return ALTERNATIVE_PROBABILITY[self.sensor] * offset**2
 
     def plus(self, turn: float, window: Window) -> Alternative:
         """With a window in which the sensor claims a `turn`, rad, beyond the filter's."""
-        return replace(self, offset=self.offset + turn, until_ns=window.t_ns, rate=turn / window.seconds)
+        offset = self.offset + turn
+        most = max(self.most, abs(offset))
+        return replace(self, offset=offset, most=most, until_ns=window.t_ns, rate=turn / window.seconds)
 
     @property
     def against(self) -> Sensor:

@@ -80,6 +80,8 @@ def _warnings(iso: Isolation, sensor: Sensor, since_ns: int, alternative: Altern
     """What is wrong with a sensor; where it may as well be the other one that errs, what is wrong with that."""
     windows = [window for window in iso.evidence if window.claim(sensor)] or list(iso.evidence)
     other = _other(sensor, windows)
+    if other is None and alternative is not None and sensor is not Sensor.TRACKS:
+        other = alternative.against  # the gate found it, sample by sample
     kinds = [kind_of(sensor, other, windows)]
     if alternative is not None and other is not None:
         kinds += [kind for kind in (kind_of(other, sensor, windows),) if kind.code in FAULTS and kind != kinds[0]]
@@ -91,12 +93,13 @@ def _warnings(iso: Isolation, sensor: Sensor, since_ns: int, alternative: Altern
     )
     who = sensor.value if alternative is None or other is None else f"{sensor.value}+{other.value}"
     end = f"{NAMES[sensor]} is left out" if alternative is None else "nobody can tell who is right: sigma covers both"
+    turns = f": in {seconds:.1f} s that contradict, turned {turned} deg" if windows else ""
     return [
         Warning(
             kind.code,
             who,
             since_ns,
-            f"{kind.what}: in {seconds:.1f} s that contradict, turned {turned} deg; {end}; {kind.remedy}",
+            f"{kind.what}{turns}; {end}; {kind.remedy}",
         )
         for kind in kinds
     ]
@@ -114,7 +117,8 @@ def kind_of(sensor: Sensor, other: Sensor | None, windows: Sequence[Window]) -> 
         (window, a, b) for window in windows if other and (a := window.claim(sensor)) and (b := window.claim(other))
     ]
     if not both:
-        return Kind("sensors_disagree", f"{NAMES[sensor]} contradicts the others", "check its mount and its topic")
+        against = f"contradicts {NAMES[other]}" if other else "contradicts the others"
+        return Kind("sensors_disagree", f"{NAMES[sensor]} {against}", "check its mount and its topic")
     seconds = np.array([window.seconds for window, _, _ in both])
     y, x = np.array([a.turn for _, a, _ in both]), np.array([b.turn for _, _, b in both])
     change = np.array([window.rate_change for window, _, _ in both])
@@ -173,4 +177,6 @@ def _by_ratio(sensor: Sensor, ratio: float) -> Kind:
             return Kind("images_do_not_turn", "the images do not turn with the robot", "switch stabilisation off")
         code = "gyro_stuck" if sensor is Sensor.GYRO else "odometry_stuck"
         return Kind(code, f"{name} does not turn with the robot", "check its topic and driver")
-    return Kind("sensors_disagree_scale", f"{name} turns {ratio:.2f} times as far as the others", _RECHECK[sensor])
+    degrees = sensor is Sensor.TRACKS and RADIANS[0] < abs(ratio) < RADIANS[1]
+    cure = "its driver gives degrees; make them radians" if degrees else _RECHECK[sensor]
+    return Kind("sensors_disagree_scale", f"{name} turns {ratio:.2f} times as far as the others", cure)

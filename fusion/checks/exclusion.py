@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from fusion.buffer.events import Sensor
 from fusion.checks.contradiction import GROSS
+from fusion.checks.recovery import Recovery
 from fusion.checks.windows import Claim, Window
 
 CHANGED = 0.1  # rad/s in a window; who errs at less errs at a steady rate, too; not derived
+UNLIKELY_BIAS = (
+    0.2  # rad/s, 11 deg/s; a gyro that rests at more may as well give degrees: 0.2 deg/s is usual; not derived
+)
 
 
 def fits_anything(sensor: Sensor, turn_rate: float, window: Window) -> bool:
@@ -30,8 +34,8 @@ class Exclusion:
         Least turn rate in which it contradicted, by how much it did at least, and by how much the turn rate at least
         changed meanwhile, rad/s: only in as much turning, and against one who knows better than that, it can show that
         it is well; one that is late, only where the rate changes.
-    windows : int
-        In how many it has contradicted.
+    recovery : Recovery
+        What it erred by, and what the telling windows since say.
     agreed : int
         In how many telling ones in a row it has agreed since.
     fitted : float or None
@@ -45,8 +49,8 @@ class Exclusion:
     since_ns: int
     least_turn: float
     least_size: float
-    least_change: float = 0.0
-    windows: int = 1
+    least_change: float
+    recovery: Recovery
     agreed: int = 0
     fitted: float | None = None
     silent: bool = False
@@ -57,16 +61,42 @@ class Exclusion:
         turning, least_size = min(self.least_turn, abs(turn_rate)), min(self.least_size, abs(size))
         changing = min(self.least_change, abs(window.rate_change))
         fitted = turn_rate if self.fitted is not None or fits_anything(self.sensor, turn_rate, window) else None
-        least = turning, least_size, changing
-        return Exclusion(*(self.sensor, self.since_ns, *least, self.windows + 1), fitted=fitted, silent=self.silent)
+        return replace(
+            self,
+            least_turn=turning,
+            least_size=least_size,
+            least_change=changing,
+            recovery=self.recovery.erred(size),
+            agreed=0,
+            fitted=fitted,
+        )
 
-    def shows_well(self, claim: Claim, reference: Claim, window: Window) -> bool:
-        """Whether it agrees with a reference in a window in which it would have been seen to err."""
+    @property
+    def over(self) -> int:
+        """In how many telling windows in a row it has agreed, where all that was seen since says that it is well."""
+        return self.agreed if self.recovery.well else 0
+
+    def weighed(self, claim: Claim, reference: Claim, window: Window) -> Exclusion:
+        """After a window in which it does not contradict, and in which it would be seen to err, or not."""
+        if not self._tells(reference, window):
+            return self
+        # at rest it would err as before, in half the turning by half as much
+        share = 0.5 if self.least_turn > GROSS else 1.0
+        off, variance = abs(claim.turn - reference.turn), claim.sigma**2 + reference.sigma**2
+        recovery = self.recovery.weighed(off, variance, window.seconds, share)
+        agreed = self.agreed + self._agrees(claim, reference, window) if recovery.odds > 0.0 else 0
+        return replace(self, recovery=recovery, agreed=agreed)
+
+    def _tells(self, reference: Claim, window: Window) -> bool:
+        """Whether it would be seen to err in a window."""
         seconds = window.seconds
         if self.least_change > CHANGED and abs(window.rate_change) < 0.5 * self.least_change:
             return False
-        telling = 0.5 * self.least_size * seconds  # nearer to none than to the least contradiction there was
-        sharp = max(abs(claim.turn - reference.turn), math.hypot(claim.sigma, reference.sigma)) < telling
         if self.fitted is not None:
-            return sharp and abs(reference.turn - self.fitted * seconds) >= telling
-        return sharp and abs(reference.turn) >= 0.5 * self.least_turn * seconds
+            return abs(reference.turn - self.fitted * seconds) >= 0.5 * self.least_size * seconds
+        return abs(reference.turn) >= 0.5 * self.least_turn * seconds
+
+    def _agrees(self, claim: Claim, reference: Claim, window: Window) -> bool:
+        """Whether it is nearer to the reference, and both are known better, than the least contradiction there was."""
+        off = max(abs(claim.turn - reference.turn), math.hypot(claim.sigma, reference.sigma))
+        return off < 0.5 * self.least_size * window.seconds

@@ -21,9 +21,9 @@ def surely_gyro(window: Window, turn: float) -> bool:
 
 
 def rebias(gyro: Claim, reference: Claim, window: Window, bias: float) -> Remedy:
-    """The bias that the gyro would have, were that all that is wrong with it; one that is late shows none."""
+    """The bias that the gyro would have, were that all that is wrong with it; one that is late or hangs shows none."""
     sigma = math.hypot(gyro.noise, reference.sigma) / window.seconds
     off = (gyro.turn - reference.turn) / window.seconds
-    if abs(bias + off) > MOST_BIAS or abs(window.rate_change) > CHANGED:
+    if window.gyro_hangs or abs(bias + off) > MOST_BIAS or abs(window.rate_change) > CHANGED:
         return Remedy(rate=reference.turn / window.seconds)
     return Remedy(bias=bias + off, bias_sigma=sigma, rate=reference.turn / window.seconds)

@@ -20,7 +20,8 @@ from dataclasses import dataclass, replace
 
 from fusion.buffer.events import FOREVER_NS, Sensor
 from fusion.checks.alternative import Alternative
-from fusion.checks.exclusion import Exclusion, fits_anything
+from fusion.checks.exclusion import UNLIKELY_BIAS, Exclusion, fits_anything
+from fusion.checks.recovery import Recovery
 from fusion.checks.time_offset import EVERY_WINDOWS, TimeOffset, Turned, time_offset, with_window
 from fusion.checks.windows import Claim, Window
 
@@ -93,6 +94,10 @@ class Isolation:
         The last of them: a fault may have begun in it without being seen.
     long : Window or None
         The last ones together, in which nothing contradicted: what is lost in the noise of one shows in several.
+    start : Window or None
+        All windows since the robot was switched on as one, the gyro's bias not taken out; None once it has moved.
+    moved : bool
+        Whether it has, or may have.
     turned : tuple of Turned
         What each sensor turned by in the last windows without a gap.
     offset : TimeOffset or None
@@ -106,6 +111,8 @@ class Isolation:
     windows: int = 0
     last: Window | None = None
     long: Window | None = None
+    start: Window | None = None
+    moved: bool = False
     turned: tuple[Turned, ...] = ()
     offset: TimeOffset | None = None
 
@@ -165,10 +172,12 @@ class Isolation:
     def excluding(self, sensor: Sensor, window: Window, turn: float, size: float) -> Isolation:
         """With a sensor excluded that in this window was off by `size` from the others' `turn`, rad."""
         rate = turn / window.seconds
-        fitted = rate if fits_anything(sensor, rate, window) else None
+        never_well = sensor is Sensor.GYRO and not self.moved and abs(size) > UNLIKELY_BIAS * window.seconds
+        fitted = rate if never_well or fits_anything(sensor, rate, window) else None
         least = abs(rate), abs(size) / window.seconds, abs(window.rate_change)
         silent = sensor is Sensor.TRACKS and not window.tracks_spoke
-        one = Exclusion(sensor, window.start_ns, *least, fitted=fitted, silent=silent)
+        recovery = Recovery.begun(size / window.seconds)
+        one = Exclusion(sensor, window.start_ns, *least, recovery, fitted=fitted, silent=silent)
         counts = zip(self.strikes, Sensor, strict=True)
         strikes = tuple(min(count + (other is sensor), MOST_STRIKES) for count, other in counts)
         return replace(self, exclusions=(*self.trusting(sensor).exclusions, one), strikes=strikes)

@@ -11,6 +11,7 @@ from fusion.checks.contradiction import CONTRADICTION_SIGMAS, contradict
 from fusion.checks.exclusion import Exclusion
 from fusion.checks.gyro_faults import TURNED, rebias, surely_gyro
 from fusion.checks.isolation import Isolation, Judged, Remedy
+from fusion.checks.recovery import Recovery
 from fusion.checks.windows import Claim, Window
 from fusion.updates.standstill import CREEP_RATE
 
@@ -27,8 +28,9 @@ def with_window(alternative: Alternative, window: Window, bias: float) -> Altern
         return replace(alternative, rate=0.0)
     turn, followed = alternative.turn(claim, window.seconds, bias), window.claim(alternative.against)
     third = alternative.third
+    tracks = window.tracks if window.tracks_spoke else None  # whose zeros may be all that they ever say
     if contradict(replace(claim, turn=turn), followed, window.seconds) and followed:  # in others it takes no side
-        third = third.plus(window.tracks, followed.turn, turn - followed.turn)
+        third = third.plus(tracks, followed.turn, turn - followed.turn)
     return replace(alternative.plus(turn - window.followed, window), third=third)
 
 
@@ -52,9 +54,13 @@ def settle_alternatives(iso: Isolation, window: Window, bias: float) -> Judged:
             if window.part and alternative.third.side is None:  # images moved the yaw before, nobody knows how far
                 remedy = replace(remedy, fold=alternative.variance(window.t_ns))
             remedies.append(remedy)
-        elif not iso.excludes(alternative.sensor) and _as_before(iso, alternative, window, bias):
-            iso = iso.without_alternative(alternative.sensor)
-            remedies.append(Remedy(fold=alternative.variance(window.t_ns)))
+        elif not iso.excludes(alternative.sensor):
+            recovery = _recovery(iso, alternative, window, bias)
+            iso = iso.with_alternative(replace(alternative, recovery=recovery))
+            sure = alternative.sensor is Sensor.TRACKS or (recovery is not None and recovery.well)
+            if sure and _as_before(iso, alternative, window, bias):
+                iso = iso.without_alternative(alternative.sensor)
+                remedies.append(Remedy(fold=alternative.variance(window.t_ns)))
     return iso, Remedy.of(remedies)
 
 
@@ -78,6 +84,24 @@ def _follow(iso: Isolation, alternative: Alternative, window: Window) -> Judged:
     return iso, Remedy(alternative.offset, claim.sigma**2 if claim else 0.0, restored, rate=rate)
 
 
+def _recovery(iso: Isolation, alternative: Alternative, window: Window, bias: float) -> Recovery | None:
+    """What the windows since a contradiction say of whether the alternative's sensor is as it was before it."""
+    claim, reference = window.claim(alternative.sensor), iso.reference(alternative.sensor, window)
+    if claim is None or reference is None:
+        return alternative.recovery
+    seconds = max((window.t_ns - alternative.since_ns) * 1e-9, window.seconds)
+    known = alternative.recovery or Recovery.begun(alternative.offset / seconds)
+    off = math.copysign(1.0, alternative.offset) * (alternative.turn(claim, window.seconds, bias) - reference.turn)
+    return known.weighed(off, _own_sigma(alternative, claim, window) ** 2 + reference.sigma**2, window.seconds)
+
+
+def _own_sigma(alternative: Alternative, claim: Claim, window: Window) -> float:
+    """Standard deviation of its claim, rad: a gyro has a bias of its own, and the present one's noise is not in it."""
+    if alternative.sensor is not Sensor.GYRO:
+        return claim.sigma
+    return math.sqrt(max(claim.sigma**2 - (window.bias_sigma * window.seconds) ** 2, 0.0))
+
+
 def _as_before(iso: Isolation, alternative: Alternative, window: Window, bias: float) -> bool:
     """Whether the alternative's sensor agrees with the others, calibrated as it was before the contradiction."""
     claim, reference = window.claim(alternative.sensor), iso.reference(alternative.sensor, window)
@@ -87,10 +111,8 @@ def _as_before(iso: Isolation, alternative: Alternative, window: Window, bias: f
         turn = abs(reference.turn)  # so much that tracks that turn otherwise, or not at all, would not be as near
         return turn > max(TURNED, 2.0 * claim.sigma) and abs(claim.turn - reference.turn) < 0.5 * turn
     off, now = alternative.turn(claim, window.seconds, bias) - reference.turn, claim.turn - reference.turn
-    sigma = claim.sigma
-    if alternative.sensor is Sensor.GYRO:  # it has a bias of its own, and the present one's noise is not in it
-        sigma = math.sqrt(max(sigma**2 - (window.bias_sigma * window.seconds) ** 2, 0.0))
-    return abs(off) <= min(3.0 * math.hypot(sigma, reference.sigma), abs(now))
+    sigma = math.hypot(_own_sigma(alternative, claim, window), reference.sigma)
+    return abs(off) <= min(3.0 * sigma, abs(now))
 
 
 def judge_excluded(iso: Isolation, window: Window, bias: float) -> Judged:
@@ -101,14 +123,15 @@ def judge_excluded(iso: Isolation, window: Window, bias: float) -> Judged:
             iso = iso.trusting(one.sensor)
             continue
         claim, reference = window.claim(one.sensor), iso.reference(one.sensor, window)
-        if claim is None or reference is None:
-            continue
+        if claim is None or reference is None or (one.sensor is Sensor.GYRO and window.gyro_hangs):
+            continue  # one number is right now and then
         if contradict(claim, reference, window.seconds):
             iso, remedy = _errs_still(iso.noting(window), one, claim, reference, window, bias)
             remedies.append(remedy)
-        elif one.shows_well(claim, reference, window):
-            iso = iso.with_exclusion(replace(one, agreed=one.agreed + 1))
-            if one.agreed + 1 >= iso.needed(one.sensor):
+        else:
+            weighed = one.weighed(claim, reference, window)
+            iso = iso.with_exclusion(weighed)
+            if weighed.over >= iso.needed(one.sensor):
                 iso, remedy = _trust_again(iso, one.sensor)
                 remedies.append(remedy)
     return iso, Remedy.of(remedies)

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 from fusion.buffer.events import Sensor
 from fusion.checks.alternative import Alternative, Third
-from fusion.checks.contradiction import GROSS, contradict
+from fusion.checks.contradiction import CONTRADICTION_SIGMAS, GROSS, contradict
 from fusion.checks.gyro_faults import TURNED, rebias, surely_gyro
 from fusion.checks.isolation import Isolation, Judged, Remedy
 from fusion.checks.isolation_recovery import as_it_was, judge_excluded, settle_alternatives, with_window
@@ -14,9 +15,10 @@ from fusion.checks.windows import WINDOW_NS, Claim, Window
 
 # Not derived: `LONG`, `STUCK`, `SLIPPED_ON`, `STEADY`, `STEADY_WINDOWS`, `SCALED`.
 LONG = 6.0  # s; in longer ones errors that last are no noise any more
-STUCK = 0.2  # ratio of turns; less is no scale factor
+STUCK = 0.2  # ratio of turns; less is no scale factor, nor is more than its inverse
 STEADY, STEADY_WINDOWS = 0.2, 2  # by so much of itself a bias changes; windows that show it
 SCALED = 0.1  # of a turn; who differs by less may have another scale factor, which the filter learns
+MOST_DEVIATIONS = 3.0  # standard deviations, of what is not expected to be larger
 SLIPPED_ON = 3  # windows; tracks that slip for longer do not see the robot turn
 
 
@@ -38,7 +40,7 @@ def judge(iso: Isolation, window: Window, bias: float) -> Judged:
     """
     alternatives = tuple(with_window(alternative, window, bias) for alternative in iso.alternatives)
     iso, remedies = replace(iso.with_turns(window, bias), alternatives=alternatives), []
-    for rule in (settle_alternatives, judge_excluded, _judge_trusted):
+    for rule in (settle_alternatives, judge_excluded, _judge_start, _judge_trusted):
         iso, remedy = rule(iso, window, bias)
         remedies.append(remedy)
         if remedy.delay or remedy.shift:  # that is all there is to this window
@@ -50,6 +52,30 @@ def judge(iso: Isolation, window: Window, bias: float) -> Judged:
         return replace(iso, last=window, long=None), remedy
     iso, more = _judge_long(replace(iso, last=window), window, bias)
     return iso, Remedy.of((remedy, more))
+
+
+def _judge_start(iso: Isolation, window: Window, bias: float) -> Judged:
+    """Find images that turn while tracks stand and a gyro turns at one rate, since the robot was switched on.
+
+    Either it turns at a crawl that the tracks do not see, or what the images show moves. How much of its rate is bias
+    nobody has told the gyro yet but the images: that all of it is remains the alternative.
+    """
+    gyro, before = window.gyro, iso.start
+    if iso.moved or gyro is None or window.tracks is None:
+        return iso, Remedy()
+    noise = math.sqrt(max(gyro.noise**2 - (window.bias_sigma * window.seconds) ** 2, 0.0))
+    window = replace(window, gyro=replace(gyro, turn=gyro.turn + bias * window.seconds, noise=noise))
+    start = before.plus(window) if before and before.t_ns == window.start_ns else window
+    rate, usual = (one.gyro.turn / one.seconds if one.gyro else 0.0 for one in (window, start))
+    steady = abs(rate - usual) <= CONTRADICTION_SIGMAS * noise / window.seconds
+    if not (window.tracks_rest and steady) or iso.exclusions or iso.alternatives:
+        return replace(iso, moved=True, start=None), Remedy()
+    images, off = start.compass, start.compass.turn if start.compass else 0.0
+    if abs(off) <= GROSS * WINDOW_NS * 1e-9 or not contradict(images, start.tracks, 0.0):
+        return replace(iso, start=start), Remedy()
+    iso = replace(iso, moved=True, start=None).noting(replace(start, gyro=Claim(0.0, noise)))
+    stands = Alternative(Sensor.GYRO, start.start_ns, -off, usual, until_ns=start.t_ns, rate=-off / start.seconds)
+    return iso.with_alternative(stands), Remedy()
 
 
 def _judge_long(iso: Isolation, window: Window, bias: float) -> Judged:
@@ -92,14 +118,21 @@ def _judge_trusted(iso: Isolation, window: Window, bias: float) -> Judged:
         return _gyro_against_compass(iso.noting(window), gyro, compass, window, bias)
     if gyro and window.gyro_beyond and (compass or tracks):
         return _beyond(iso.noting(window), gyro, window, bias)
+    if gyro and window.gyro_hangs and _turns_otherwise(gyro, compass or tracks):
+        return _beyond(iso.noting(window), gyro, window, bias)
     leader = compass or gyro
     if leader and tracks and contradict(leader, tracks, window.seconds):
         return _tracks_against(iso.noting(window), leader, tracks, window, bias)
     return iso, Remedy()
 
 
+def _turns_otherwise(gyro: Claim, other: Claim | None) -> bool:
+    """Whether a gyro that hangs is contradicted, by whatever scale factor: one that works gives no number so often."""
+    return other is not None and abs(gyro.turn - other.turn) > MOST_DEVIATIONS * math.hypot(gyro.noise, other.noise)
+
+
 def _beyond(iso: Isolation, gyro: Claim, window: Window, bias: float) -> Judged:
-    """Exclude a gyro that turns as no robot does. The camera is vague then: its stamps count at such a rate."""
+    """Exclude a gyro that does what no gyro does. Where a robot seems to spin the camera is vague: its stamps count."""
     others = {one: claim for one in (Sensor.COMPASS, Sensor.TRACKS) if (claim := iso.trusted(one, window))}
     if not others:
         return iso, Remedy()
@@ -129,11 +162,12 @@ def _gyro_against_compass(iso: Isolation, gyro: Claim, compass: Claim, window: W
     return iso, iso.following(Sensor.GYRO, window)
 
 
-def _against_the_turn(iso: Isolation) -> bool:
-    """Whether the tracks have claimed next to nothing, or the opposite, of several turns."""
+def _no_scale_explains(iso: Isolation) -> bool:
+    """Whether the tracks have claimed next to nothing of several turns, the opposite, or many times as much."""
     turns = [(other.turn, window.tracks.turn) for window in iso.evidence if (other := window.compass) and window.tracks]
     turns = [(x, y) for x, y in turns if abs(x) > TURNED]
-    return len(turns) >= SLIPPED_ON and sum(x * y for x, y in turns) < STUCK * sum(x * x for x, _ in turns)
+    seen, claimed = sum(x * x for x, _ in turns), sum(x * y for x, y in turns)
+    return len(turns) >= SLIPPED_ON and not STUCK * seen <= claimed <= seen / STUCK
 
 
 def _gyro_against_silence(iso: Isolation, gyro: Claim, tracks: Claim, window: Window, bias: float) -> Judged:
@@ -155,7 +189,8 @@ def _gyro_against_silence(iso: Isolation, gyro: Claim, tracks: Claim, window: Wi
 def _tracks_against(iso: Isolation, leader: Claim, tracks: Claim, window: Window, bias: float) -> Judged:
     """The tracks slip, or err for good, or the only other sensor errs.
 
-    Slip that two others see is for the filter's gate. Tracks that turn the other way, or not at all, are excluded.
+    Slip that two others see is for the filter's gate. Tracks that turn the other way, not at all, or many times as far
+    are excluded.
     """
     gyro, compass = iso.trusted(Sensor.GYRO, window), iso.trusted(Sensor.COMPASS, window)
     off = tracks.turn - leader.turn
@@ -163,7 +198,7 @@ def _tracks_against(iso: Isolation, leader: Claim, tracks: Claim, window: Window
     if gyro and not window.tracks_spoke and not (hangs or compass):
         return _gyro_against_silence(iso, gyro, tracks, window, bias)
     if (not window.tracks_spoke and not hangs) or (gyro and compass):
-        broken = not window.tracks_spoke or _against_the_turn(iso)
+        broken = not window.tracks_spoke or _no_scale_explains(iso)
         return (iso.excluding(Sensor.TRACKS, window, leader.turn, off) if broken else iso), Remedy()
     if gyro and surely_gyro(window, tracks.turn):
         iso = iso.excluding(Sensor.GYRO, window, tracks.turn, -off)

@@ -27,6 +27,8 @@ class ScaleConflict:
         Excess of the gyro's scale factor over the compass's, as learnt.
     sigma : float
         Standard deviation of the yaw as a part of the turn since `yaw`; 0 where they do not differ.
+    since_yaw : float
+        Yaw then, rad.
     images : float
         The same by what the images say of themselves, and as far as the gyro does not know better.
     """
@@ -36,18 +38,32 @@ class ScaleConflict:
     scale: float = 0.0
     sigma: float = 0.0
     images: float = 0.0
+    since_yaw: float = 0.0
 
-    def after(self, t_ns: int, scale: float, variance: float, prior_sigma: float, images: float = 0.0) -> ScaleConflict:
-        """With a scale that was learnt at `t_ns`, of a `variance`; up to `SIGMAS` of the prior it is the gyro's own."""
+    def after(
+        self, t_ns: int, yaw: float, scale: float, variance: float, prior_sigma: float, images: float = 0.0
+    ) -> ScaleConflict:
+        """With a scale that was learnt at `t_ns` and a yaw, and its variance.
+
+        Up to `SIGMAS` of the prior it is the gyro's own. A conflict may vanish without anybody having been right: what
+        is `left` of it is for good.
+        """
         if abs(scale) <= SIGMAS * prior_sigma:
-            known = self.since_ns is None and self.images == images
-            return self if known else ScaleConflict(self.yaw, images=images)
-        since_ns = t_ns if self.since_ns is None else self.since_ns
-        return replace(self, since_ns=since_ns, scale=scale, sigma=math.sqrt(scale**2 + variance), images=images)
+            unchanged = self.since_ns is None and self.images == images
+            return self if unchanged else ScaleConflict(self.yaw, images=images)
+        begun = self if self.since_ns is not None else replace(self, since_ns=t_ns, since_yaw=yaw)
+        return replace(begun, scale=scale, sigma=math.sqrt(scale**2 + variance), images=images)
 
     def variance(self, yaw: float) -> float:
         """Variance, rad^2, of the turn up to a yaw, rad."""
-        return (max(self.sigma, self.images) * (yaw - self.yaw)) ** 2
+        turned = yaw - self.yaw
+        if self.since_ns is not None:  # it may have begun then
+            turned = max(turned, yaw - self.since_yaw, key=abs)
+        return (max(self.sigma, self.images) * turned) ** 2
+
+    def left(self, yaw: float) -> float:
+        """Variance, rad^2, of the turn from where they began to differ up to a yaw, rad, whoever is right later."""
+        return 0.0 if self.since_ns is None else (self.sigma * (yaw - self.since_yaw)) ** 2
 
     def warnings(self) -> tuple[Warning, ...]:
         """Both claims in words, if they differ."""

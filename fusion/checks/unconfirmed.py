@@ -116,6 +116,9 @@ class Unconfirmed:
     by_tracks : float
         What of the yaw's variance, rad^2, the tracks alone have taken away since that image, and by how much they moved
         the yaw, squared.
+    held : float
+        What of a gyro was unconfirmed beside the tracks at the end of the last window, or of one before, rad^2: a robot
+        that turns to and fro comes by where all seems to be right, as their scale factor is not known.
     beginning : bool
         Whether no two sensors have agreed yet: since the start, at which a robot is taken to stand.
     """
@@ -129,6 +132,7 @@ class Unconfirmed:
     noise: float = 0.0
     seen: Belief | None = None
     by_tracks: float = 0.0
+    held: float = 0.0
     beginning: bool = False
 
     def is_alone(self, t_ns: int) -> bool:
@@ -155,9 +159,14 @@ class Unconfirmed:
         """After tracks that nobody confirms before the next image; `variance` as in `by_tracks`."""
         return replace(self, by_tracks=self.by_tracks + max(variance, 0.0))
 
-    def with_window(self, window: Window | None) -> Unconfirmed:
-        """After a window of turns."""
-        return replace(self, noise=self.noise + window.tracks.noise**2) if window and window.tracks else self
+    def with_window(self, window: Window | None, now: Belief, *, images: bool) -> Unconfirmed:
+        """After a window of turns; `images` as in `variance`."""
+        if window is None or window.tracks is None:
+            return self
+        known = replace(self, noise=self.noise + window.tracks.noise**2)
+        if images or not self._witnessed(now):
+            return known
+        return replace(known, held=known._beside_tracks(now, images=images))
 
     def confirmed_by(self, innovation: float, variance: float, now: Belief) -> bool:
         """Whether an image that passed the gate says the same, by its innovation and variance, rad and rad^2.
@@ -206,14 +215,8 @@ class Unconfirmed:
     def variance(self, now: Belief, *, images: bool) -> float:
         """What it adds to that of the yaw, rad^2; `images`: no gyro, but images measure the turn, and tracks slip."""
         if self._witnessed(now):
-            # at the scale of both times: the present one was learnt from who is in doubt
-            slip = SLIP**2 * self.noise if images else 0.0
-            beyond = max(
-                self._beyond(now, scaled) ** 2 - ALIKE_TURN**2 - self._by_scale(now, scaled)
-                for scaled in (self.since, now)
-            )
             turned = self._beyond_rate(self.seen, now) if images and self.seen else 0.0
-            return ALTERNATIVE_PROBABILITY[Sensor.GYRO] * max(beyond - slip, 0.0) + turned
+            return self._beside_tracks(now, images=images) + turned
         last_ns = self.since.t_ns if self.image_ns is None else self.image_ns
         if self.blind_ns is None and now.t_ns - last_ns > PERIODS * self.pace_ns:
             return 0.0  # the camera has stopped, and the other sensor is alone, not unconfirmed
@@ -222,6 +225,15 @@ class Unconfirmed:
             self._beyond_rate(self.since, now)
             + ALTERNATIVE_PROBABILITY[Sensor.GYRO] * (self.rate_sigma * unseen_ns * 1e-9) ** 2
         )
+
+    def _beside_tracks(self, now: Belief, *, images: bool) -> float:
+        """What the yaw has gone on by beyond what the tracks say, rad^2."""
+        # at the scale of both times: the present one was learnt from who is in doubt
+        slip = SLIP**2 * self.noise if images else 0.0
+        beyond = max(
+            self._beyond(now, scaled) ** 2 - ALIKE_TURN**2 - self._by_scale(now, scaled) for scaled in (self.since, now)
+        )
+        return max(ALTERNATIVE_PROBABILITY[Sensor.GYRO] * (beyond - slip), self.held)
 
     @staticmethod
     def _beyond_rate(since: Belief, now: Belief) -> float:

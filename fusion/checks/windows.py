@@ -301,6 +301,8 @@ class Window:
         By how much the filter's yaw went on, rad, and how much of that the image at its beginning did.
     gyro_repeats : bool
         Whether the gyro gave one and the same number all the time.
+    gyro_hangs : bool
+        Whether it did so, and never for nearly as long before.
     gyro_beyond : bool
         Whether it turned faster than robots do, and not for a sample only.
     tracks_spoke : bool
@@ -311,6 +313,8 @@ class Window:
         Standard deviation of the gyro bias at its beginning, rad/s.
     stood : bool
         Whether the robot stood at both ends.
+    tracks_rest : bool
+        Whether the tracks say that it neither turned nor drove.
     part : bool
         Whether the images say that they do not show the full circle once: then the compass turns by a wrong factor.
     """
@@ -329,6 +333,8 @@ class Window:
     bias_sigma: float = 0.0
     stood: bool = False
     part: bool = False
+    gyro_hangs: bool = False
+    tracks_rest: bool = False
 
     def plus(self, later: Window) -> Window:
         """This window and the next one as one."""
@@ -348,6 +354,8 @@ class Window:
             self.bias_sigma,
             self.stood and later.stood,
             self.part or later.part,
+            self.gyro_hangs and later.gyro_hangs,
+            self.tracks_rest and later.tracks_rest,
         )
 
     @property

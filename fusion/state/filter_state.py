@@ -183,13 +183,13 @@ class FilterState:
         slipping = self.gates[Sensor.TRACKS].rejecting_since_ns is not None and self.hears(Sensor.COMPASS)
         slipping = slipping and self.believes(Sensor.GYRO) and not self.isolation.contradicted
         # tracks that have said nothing yet but zero may begin to speak before the next window is over
-        witness = self._speaks(Sensor.TRACKS) and (self.believes(Sensor.GYRO) or self.hears(Sensor.COMPASS))
+        witness = self.speaks(Sensor.TRACKS) and (self.believes(Sensor.GYRO) or self.hears(Sensor.COMPASS))
         t_ns = self.t_ns or 0
         claims = TracksSince.begin(self.tracks.last, t_ns) if witness and not slipping and self.tracks else None
         if self.unconfirmed is None:
             return Unconfirmed(self.belief, rate_sigma, claims)
         since = {"since": self.belief, "tracks": claims, "beginning": False}
-        return replace(self.unconfirmed, blind_ns=None, noise=0.0, **since)  # type: ignore[arg-type]
+        return replace(self.unconfirmed, blind_ns=None, noise=0.0, held=0.0, **since)  # type: ignore[arg-type]
 
     def begun(self, yaw: float, rate_sigma: float) -> Unconfirmed:
         """Nobody has agreed yet with whoever speaks first; the robot is taken to stand at a yaw, rad."""
@@ -240,9 +240,9 @@ class FilterState:
     def believes(self, sensor: Sensor) -> bool:
         """Whether a gyro or tracks speak, have ever said anything but zero, and are not excluded."""
         spoke = sensor is Sensor.GYRO or self.odometry_fields.pose or self.odometry_fields.twist
-        return spoke and self._speaks(sensor)
+        return spoke and self.speaks(sensor)
 
-    def _speaks(self, sensor: Sensor) -> bool:
+    def speaks(self, sensor: Sensor) -> bool:
         """Whether a gyro or tracks speak and are not excluded."""
         turn = self.turns.gyro if sensor is Sensor.GYRO else self.turns.tracks
         lately = turn is not None and (self.t_ns or 0) - turn.t_ns <= RATE_SILENT_NS

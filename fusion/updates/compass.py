@@ -49,9 +49,11 @@ class CompassUpdate:
         if not event.sample.long_baseline:
             known = ekf.config.gyro_scale_sigma if state.believes(Sensor.GYRO) else math.inf
             images = min(event.sample.factor_sigma, known)
-        state.scale_conflict = state.scale_conflict.after(
-            event.t_ns, float(ekf.x[scale]), float(ekf.P[scale, scale]), ekf.config.gyro_scale_sigma, images
-        )
+        conflict, yaw = state.scale_conflict, float(ekf.x[State.YAW])
+        learnt = float(ekf.x[scale]), float(ekf.P[scale, scale])
+        state.scale_conflict = conflict.after(event.t_ns, yaw, *learnt, ekf.config.gyro_scale_sigma, images)
+        if state.scale_conflict.since_ns is None and conflict.since_ns is not None:
+            ekf.widen_frame(conflict.left(yaw))
         if state.turns.start_ns == event.t_ns != before.turns.start_ns:
             state.turns = replace(state.turns, corrected=float(ekf.x[State.YAW]) - state.turns.start.yaw)
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 from compass import YawIncrement
 from fusion.buffer.events import Sensor
 from fusion.checks.alternative import ALTERNATIVE_PROBABILITY, FOUND_AGAIN_PROBABILITY, Alternative
-from fusion.checks.claims import gyro_claim, tracks_claim
+from fusion.checks.claims import gyro_claim, tracks_claim, tracks_rest
 from fusion.checks.contradiction import contradict
 from fusion.checks.diagnosis import warnings_of
 from fusion.checks.gate import Verdict
@@ -108,8 +108,12 @@ class FaultIsolation:
         late = (abs(known.delay) + known.delay_sigma) * off
         ekf.widen(State.YAW, remedy.shift_variance + late**2)
         if remedy.shift:  # what was learnt meanwhile of the others was learnt from what is taken back
-            ekf.renew(State.SCALE, known.scale_sigma**2, known.scale)
+            agreed = state.unconfirmed.since if state.unconfirmed else None
+            scale = agreed if agreed and agreed.t_ns < remedy.since_ns else known
+            ekf.renew(State.SCALE, scale.scale_sigma**2, scale.scale)
             ekf.renew(State.CAMERA_DELAY, known.delay_sigma**2, known.delay)
+            if remedy.bias is None:
+                ekf.renew(State.BIAS, known.bias_sigma**2, known.bias)
             state.tracks = None  # nor do the tracks count from a yaw of that time
         # nor is the yaw to be held at what it seemed to be meanwhile
         state.stillness = replace(state.stillness, reference_ns=None)
@@ -140,6 +144,8 @@ class FaultIsolation:
             turns.start.bias_sigma,
             turns.start.standing and state.stillness.standing,
             increment is not None and increment.factor_sigma > 0.0,
+            gyro_hangs=repeats and state.gyro_noise.stuck,
+            tracks_rest=tracks_rest(turns, start_ns, t_ns),
         )
 
     def note_refusal(

@@ -119,7 +119,7 @@ class CompassTurn:
 class Stillness:
     """What each sensor has shown since the last sign of motion at `since_ns`, and whether that is standstill.
 
-    `reference_ns` is when all motion had died away; None before.
+    `since_ns` is 0 before the first. `reference_ns` is when all motion had died away; None before.
     """
 
     since_ns: int
@@ -196,7 +196,10 @@ class Stillness:
         return replace(self, compass=compass)
 
     def judged(self, t_ns: int, bias: float, bias_sigma: float) -> Stillness:
-        """Decide whether the robot stands at `t_ns`, with what is known of the gyro's bias (rad/s)."""
+        """Decide whether the robot stands at `t_ns`, with what is known of the gyro's bias (rad/s).
+
+        Switched on, it stands: until the first sign of motion a bias larger than expected is likelier than a slow turn.
+        """
         if self.reference_ns is None and t_ns - self.since_ns >= DYING_NS:
             return replace(self, reference_ns=t_ns)
         if self.standing or t_ns - self.since_ns < SHORTEST_STANDSTILL_NS:
@@ -210,8 +213,8 @@ class Stillness:
             if not witness:
                 return self
         if self.gyro_ns is not None and t_ns - self.gyro_ns < SILENT_NS:
-            off = abs(self.gyro.mean - bias)
-            if self.gyro.sigma > 2.0 * self.gyro_sigma or off > 3.0 * math.hypot(bias_sigma, 4.0 * RESOLUTION):
+            off, sigmas = abs(self.gyro.mean - bias), 3.0 if self.since_ns else MOTION_SIGMAS
+            if self.gyro.sigma > 2.0 * self.gyro_sigma or off > sigmas * math.hypot(bias_sigma, 4.0 * RESOLUTION):
                 return self
         if not witness:
             return self
@@ -271,7 +274,10 @@ class StandstillUpdate:
     def settle(self, state: FilterState) -> None:
         """Pin the turn rate once the robot is found to stand."""
         bias, variance = float(state.ekf.x[State.BIAS]), float(state.ekf.P[State.BIAS, State.BIAS])
-        stillness = state.stillness.judged(state.t_ns or 0, bias, variance**0.5)
+        sigma = math.sqrt(variance)
+        if state.stillness.since_ns == 0:
+            sigma = max(sigma, self._config.initial_bias_sigma)
+        stillness = state.stillness.judged(state.t_ns or 0, bias, sigma)
         if stillness.reference_ns is not None and state.stillness.reference_ns is None:
             state.ekf.clone_yaw(State.STILL_REF)
         if stillness.standing and not state.stillness.standing:

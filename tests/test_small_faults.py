@@ -1,0 +1,112 @@
+"""Faults that hide in the noise of one window, and doubts that must not vanish because two curves cross."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from robot_drive import robot_drive
+
+from compass import YawIncrement, wrap_angle
+from fusion import GyroSample, OdometrySample, YawFusion
+from fusion.buffer.events import Sensor
+from fusion.checks.alternative import Alternative
+from fusion.checks.recovery import Recovery
+from fusion.checks.scale_conflict import ScaleConflict
+from fusion.checks.windows import Window
+
+S = 10**9
+FLOOR = math.radians(0.02)  # of sigma, below which nobody cares
+
+
+def run(drive, who=object):
+    """Times, errors and sigmas (rad) each tenth of a second, and seconds that each ``code:sensor`` was told."""
+    fusion, rows, told = YawFusion(), [], {}
+    for sample in drive.samples:
+        if not isinstance(sample, who):
+            continue
+        fusion.add(sample)
+        if not rows or sample.t_ns * 1e-9 >= rows[-1][0] + 0.1:
+            estimate = fusion.estimate()
+            rows.append((sample.t_ns * 1e-9, drive.error(estimate), math.sqrt(estimate.yaw_variance)))
+            for warning in estimate.warnings:
+                key = f"{warning.code}:{warning.sensor}"
+                told[key] = told.get(key, 0.0) + 0.1
+    return *np.array(rows).T, told
+
+
+def crowd(drive, rate, since):
+    """All that the images show walks round the robot from a time on, s, at a rate, rad/s."""
+
+    def change(s):
+        return replace(s, yaw=float(wrap_angle(s.yaw + rate * (s.t_ns * 1e-9 - max(s.t_ref_ns * 1e-9, since)))))
+
+    return drive.changed(change, YawIncrement, since)
+
+
+@pytest.mark.parametrize(("rate", "since"), [(0.014, 12.0), (-0.03, 0.0), (0.01, 0.0), (-0.01, 15.0)])
+def test_images_that_drift_slowly_are_covered(rate, since):
+    t, error, sigma, told = run(crowd(robot_drive(1, seconds=35.0), rate, since))
+    late = t > since + 2.0
+    assert np.max(np.abs(error[late]) / np.maximum(sigma[late], FLOOR)) < 4.0
+    assert any("compass" in key or "gyro" in key for key in told)
+
+
+@pytest.mark.parametrize("since", [13.0, 17.3])
+def test_gyro_that_hangs_beside_tracks_is_found(since):
+    drive = robot_drive(3, seconds=30.0)
+    hangs = next(s for s in drive.samples if isinstance(s, GyroSample) and s.t_ns * 1e-9 >= since)
+    drive = drive.changed(lambda s: replace(s, yaw_rate=hangs.yaw_rate), GyroSample, since)
+    _, error, sigma, told = run(drive, (GyroSample, OdometrySample))
+    assert "gyro_stuck:gyro" in told
+    assert np.max(np.abs(error) / np.maximum(sigma, FLOOR)) < 4.0
+
+
+def test_odometry_in_degrees_beside_two_that_agree_is_named_and_leaves_the_yaw_alone():
+    def degrees(s):
+        return replace(s, yaw_rate=math.degrees(s.yaw_rate), yaw=math.degrees(s.yaw))
+
+    t, error, sigma, told = run(robot_drive(2, seconds=30.0).changed(degrees, OdometrySample))
+    assert sum(told.values()) > 10.0
+    assert {key.split(":")[1] for key in told} == {
+        "tracks"
+    }  # by its poses, which are degrees modulo 6.28, it is no scale
+    assert np.abs(error[t > 15.0]).max() < math.radians(0.5)
+    assert sigma[t > 15.0].max() < math.radians(2.0)
+
+
+def test_one_window_that_agrees_does_not_heal_what_is_lost_in_noise():
+    """Wald's bound: with odds of 1,000 a fault heals by chance once in 1,000 windows; here 40 times half a minute."""
+    noise, rng, by_chance = 2e-3, np.random.default_rng(0), 0
+    for _ in range(40):
+        errs, well = Recovery.begun(0.02), False
+        for off in 0.5 * 0.014 + noise * rng.normal(size=60):
+            errs = errs.weighed(off, noise**2, 0.5)
+            well = well or errs.well
+        by_chance += well
+    assert by_chance < 6
+    heals = Recovery.begun(0.014)
+    for off in noise * rng.normal(size=6):
+        heals = heals.weighed(off, noise**2, 0.5)
+    assert heals.well
+
+
+def test_one_window_heals_what_erred_by_far():
+    assert Recovery.begun(1.0).weighed(1e-3, 1e-4, 0.5).well
+
+
+def test_conflict_of_scales_is_owed_where_the_turn_began_and_after_it_has_vanished():
+    conflict = ScaleConflict(0.0).after(S, 2.0, 0.1, 1e-6, 0.02)
+    assert math.sqrt(conflict.variance(0.0)) == pytest.approx(
+        0.2, rel=1e-3
+    )  # back at the start: it may have begun at 2
+    assert math.sqrt(conflict.left(5.0)) == pytest.approx(0.3, rel=1e-3)
+    assert conflict.after(2 * S, 5.0, 0.01, 1e-6, 0.02).left(5.0) == 0.0
+
+
+def test_what_tracks_claimed_at_most_is_kept_as_their_scale_is_not_known():
+    alternative = Alternative(Sensor.TRACKS, 0, 0.0)
+    for index, turn in enumerate((0.2, -0.2)):
+        alternative = alternative.plus(turn, Window(index * S, (index + 1) * S, None, None, None, 0.0))
+    assert alternative.offset == pytest.approx(0.0)
+    assert alternative.variance(2 * S) >= Alternative(Sensor.TRACKS, 0, 0.2).variance(0)
