@@ -2,7 +2,7 @@
 #   make check     while working: lint, and the tests without long simulations and without nodes; a minute on two cores
 #   make test      before a change lands: all tests; 6 minutes on two cores, longer beside other programs, no less green
 #   make lint      style and types alone
-#   make torture   every sensor times every fault, written to docs/faults.md; 6 minutes on two cores
+#   make torture   every sensor times every fault, and some at random, written to docs/faults.md; a quarter of an hour
 #   make mutants   small changes made to the code on purpose, each of which its tests have to notice; ten minutes
 #   make bench     speed, which no test judges, written to docs/benchmarks.md
 #   make evaluate  every experiment with 20 seeds in the held-out worlds, written to docs/benchmarks.md: hours

@@ -52,6 +52,38 @@ def test_images_that_drift_slowly_are_covered(rate, since):
     assert any("compass" in key or "gyro" in key for key in told)
 
 
+@pytest.mark.parametrize("step", [0.008, -0.015])
+@pytest.mark.parametrize("drives", [False, True])
+def test_bias_that_steps_while_the_robot_stands_shows_beside_tracks(step, drives):
+    """Also before they have ever said anything but zero."""
+    drive, begins = robot_drive(4, seconds=30.0), 2.0
+    if drives:  # and then it stands for the rest of the time
+        begins = 20.0
+        drive = stopped(drive, 15.0)
+    else:
+        drive = stopped(drive, 0.0)
+    drive = drive.changed(lambda s: replace(s, yaw_rate=s.yaw_rate + step), GyroSample, begins)
+    t, error, sigma, _ = run(drive, (GyroSample, OdometrySample))
+    late = t > begins + 4.0
+    assert np.max(np.abs(error[late]) / np.maximum(sigma[late], FLOOR)) < 3.0
+
+
+def stopped(drive, since):
+    """The drive, but that the robot stands from a time on, s."""
+    last = [s for s in drive.samples if isinstance(s, OdometrySample) and s.t_ns * 1e-9 <= since]
+    yaw = last[-1].yaw if last else 0.0
+    true = np.interp(np.minimum(drive.t, since), drive.t, drive.yaw)
+    rng = np.random.default_rng(0)
+
+    def stands(s):
+        if isinstance(s, OdometrySample):
+            return replace(s, yaw_rate=0.0, speed=0.0, yaw=yaw)
+        return replace(s, yaw_rate=0.003 + 0.003 * rng.normal())
+
+    ride = drive.changed(stands, (OdometrySample, GyroSample), since)
+    return replace(ride, yaw=true)
+
+
 @pytest.mark.parametrize("since", [13.0, 17.3])
 def test_gyro_that_hangs_beside_tracks_is_found(since):
     drive = robot_drive(3, seconds=30.0)

@@ -7,10 +7,11 @@ import pytest
 from torture import changes as do
 from torture import image_changes as see
 from torture.__main__ import SEEDS
+from torture.drawn import drawn
 from torture.drives import DRIVES, drive, stream_of
 from torture.report import report
 from torture.rows import MAY, NAMED, NONE, all_rows
-from torture.verdict import try_row
+from torture.verdict import try_on, try_row
 
 from compass import YawIncrement
 from fusion import GyroSample, OdometrySample
@@ -72,6 +73,22 @@ def test_what_nobody_can_see_is_told_by_the_verdict():
     page = report([result])
     assert "0 of 1 pass" in page
     assert "## What fails" in page
+
+
+def test_what_is_drawn_depends_on_the_seed_alone():
+    (one, ride), (again, _), (other, _) = drawn(3), drawn(3), drawn(4)
+    assert (one.name, one.who, one.since) == (again.name, again.who, again.since)
+    assert one.name != other.name
+    assert one.faulty in one.who
+    assert ride.samples
+
+
+@pytest.mark.parametrize("seed", [1, 2, 6, 11])
+def test_fault_that_was_drawn_is_covered(seed):
+    row, ride = drawn(seed)
+    result = try_on(row, ride, "drawn", seed)
+    assert not result.faults
+    assert "Drawn at random" in report([result], [result])
 
 
 def samples_of(change, kind, who="GTC", name="slow camera", since=14.0, until=1e6):

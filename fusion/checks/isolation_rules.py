@@ -85,7 +85,8 @@ def _judge_long(iso: Isolation, window: Window, bias: float) -> Judged:
     remedy = Remedy()
     if before:
         alone = replace(iso, last=None)
-        iso, remedy = _gyro_steps(alone, long, bias) or _judge_trusted(alone, long, bias)
+        steps = _gyro_steps(alone, long, bias) or _gyro_against_rest(alone, long, bias)
+        iso, remedy = steps or _judge_trusted(alone, long, bias)
     if remedy.shift or iso.exclusions or iso.alternatives:
         return replace(iso, last=None, long=None), remedy
     return replace(iso, last=window, long=long if long.seconds < LONG else None), remedy
@@ -109,6 +110,16 @@ def _gyro_steps(iso: Isolation, long: Window, bias: float) -> Judged | None:
         Alternative(Sensor.GYRO, long.start_ns, off, bias, third, long.t_ns, off / long.seconds)
     )
     return iso, Remedy.of((iso.following(Sensor.COMPASS, long), Remedy(bias=bias, rate=compass.turn / long.seconds)))
+
+
+def _gyro_against_rest(iso: Isolation, long: Window, bias: float) -> Judged | None:
+    """A gyro turns for several windows while tracks stand, by so little that one does not show it; None where not."""
+    gyro, tracks = iso.trusted(Sensor.GYRO, long), iso.trusted(Sensor.TRACKS, long)
+    if gyro is None or tracks is None or long.compass is not None or not long.tracks_rest:
+        return None
+    if abs(gyro.turn - tracks.turn) <= GROSS * WINDOW_NS * 1e-9 or not contradict(gyro, tracks, 0.0):
+        return None
+    return _tracks_against(iso.noting(long), gyro, tracks, long, bias)
 
 
 def _judge_trusted(iso: Isolation, window: Window, bias: float) -> Judged:

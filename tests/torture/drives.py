@@ -19,7 +19,8 @@ STANDS = 2.0  # s at either end
 LIFTED = 2.0  # s that it takes to lift and turn the robot
 
 
-def _smooth(values: np.ndarray) -> np.ndarray:
+def smooth(values: np.ndarray) -> np.ndarray:
+    """Values each 1 ms, as a robot of some mass can follow them."""
     window = np.hanning(400) / np.hanning(400).sum()
     return np.convolve(values, window, "same")
 
@@ -34,7 +35,7 @@ def _legs(rng: np.random.Generator, seconds: tuple[float, float], fastest: float
         if not straight:
             rate[i:stop] = rng.choice([-1.0, 1.0]) * rng.uniform(0.3, 1.0) * fastest
         speed[i:stop], i, straight = 0.5, stop, not straight
-    return _smooth(rate), _smooth(speed)
+    return smooth(rate), smooth(speed)
 
 
 def _turned_by(angle: float, since: float) -> np.ndarray:

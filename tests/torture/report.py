@@ -68,8 +68,8 @@ def _worst(results: Sequence[Result]) -> str:
     return _line(merged, str(len(results)), ok)
 
 
-def report(results: Sequence[Result]) -> str:
-    """The whole page."""
+def report(results: Sequence[Result], drawn: Sequence[Result] = ()) -> str:
+    """The whole page; `drawn`: faults of random size on random drives."""
     failed = sorted((one for one in results if one.faults), key=_seriousness, reverse=True)
     lasting = [one for one in failed if one.over4 > 1.0]
     brief = [one for one in failed if one not in lasting and (one.ratio > 4.0 or one.over3 > 2.0)]
@@ -91,8 +91,25 @@ def report(results: Sequence[Result]) -> str:
     ]
     if failed:
         parts += ["## What fails, worst first", "\n".join(_lines(failed))]
+    if drawn:
+        parts += _drawn(drawn)
     parts += ["## All, the worst of three drives", "\n".join(_sections(results))]
     return "\n\n".join(parts) + "\n"
+
+
+def _drawn(results: Sequence[Result]) -> list[str]:
+    """What became of faults that were drawn."""
+    lasting = sorted((one for one in results if one.over4 > 1.0), key=_seriousness, reverse=True)
+    brief = [one for one in results if one.over4 <= 1.0 and one.ratio > 4.0]
+    most = max((one.over4 for one in brief), default=0.0)
+    parts = [
+        "## Drawn at random",
+        f"{len(results)} faults of random kind, size, onset and length, each on a drive of its own: sensors, rates,"
+        " noises, legs and stops are drawn, too (`tests/torture/drawn.py`). Only the sigma is judged.",
+        f"{len(lasting)} are confidently wrong (beyond 4 sigma) for more than a second in all, {len(brief)} for less"
+        f" ({most:.1f} s at most), {len(results) - len(lasting) - len(brief)} never.",
+    ]
+    return [*parts, "\n".join(_lines(lasting))] if lasting else parts
 
 
 def _sections(results: Sequence[Result]) -> list[str]:

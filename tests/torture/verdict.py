@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass, field
 
 import numpy as np
+from robot_drive import RobotDrive
 
 from fusion import YawPipeline
 from torture.drives import DRIVES, SECONDS, WHO, Stream, drive, stream_of
@@ -60,7 +61,11 @@ class Result:
 
 def try_row(row: Row, name: str, seed: int) -> Result:
     """Run a fault on a drive."""
-    ride = drive(name, seed, row.since + 0.1 if row.lifted else None)
+    return try_on(row, drive(name, seed, row.since + 0.1 if row.lifted else None), name, seed)
+
+
+def try_on(row: Row, ride: RobotDrive, name: str, seed: int) -> Result:
+    """Run a fault on this drive."""
     stream = row.make()(ride, stream_of(ride, row.who), row.since, row.until)
     result = Result(row, name, seed)
     try:
@@ -94,10 +99,10 @@ def _run(stream: Stream, result: Result) -> list[tuple[float, float, float, floa
     return seen
 
 
-def _measure(result: Result, seen: np.ndarray, ride: object) -> None:
+def _measure(result: Result, seen: np.ndarray, ride: RobotDrive) -> None:
     now, t, yaw, sigma = seen.T
     at = np.where(np.abs(t - now) > ELSEWHERE, now, t)
-    error = yaw - np.interp(at, ride.t, ride.yaw)  # type: ignore[attr-defined]
+    error = yaw - np.interp(at, ride.t, ride.yaw)
     if not np.isfinite(seen).all():
         result.faults.append("estimate not finite")
         return
@@ -137,4 +142,4 @@ def _judge(result: Result) -> None:
         result.notes.append("says " + ", ".join(sorted(codes)))
 
 
-__all__ = ["DRIVES", "Result", "try_row"]
+__all__ = ["DRIVES", "Result", "try_on", "try_row"]
