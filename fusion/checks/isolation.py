@@ -172,7 +172,8 @@ class Isolation:
     def excluding(self, sensor: Sensor, window: Window, turn: float, size: float) -> Isolation:
         """With a sensor excluded that in this window was off by `size` from the others' `turn`, rad."""
         rate = turn / window.seconds
-        never_well = sensor is Sensor.GYRO and not self.moved and abs(size) > UNLIKELY_BIAS * window.seconds
+        never_well = not self.moved and abs(size) > UNLIKELY_BIAS * window.seconds
+        never_well = never_well and sensor is Sensor.GYRO and window.compass is not None  # tracks alone need it sooner
         fitted = rate if never_well or fits_anything(sensor, rate, window) else None
         least = abs(rate), abs(size) / window.seconds, abs(window.rate_change)
         silent = sensor is Sensor.TRACKS and not window.tracks_spoke
