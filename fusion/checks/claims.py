@@ -22,14 +22,6 @@ def gyro_claim(turns: Turns, start_ns: int, t_ns: int, config: FusionConfig, gyr
     return Claim(turn, noise, known.gyro_scale_sigma / gain, end=held**2)
 
 
-def tracks_rest(turns: Turns, start_ns: int, t_ns: int) -> bool:
-    """Whether the tracks measured all of it, and say that the robot neither turned nor drove."""
-    tracks, seconds = turns.tracks, (t_ns - start_ns) * 1e-9
-    if tracks is None or not tracks.spans(start_ns, t_ns):
-        return False
-    return abs(tracks.turn_until(t_ns)) <= CREEP_RATE * seconds and tracks.distance <= CREEP * seconds
-
-
 def tracks_claim(
     turns: Turns, start_ns: int, t_ns: int, config: FusionConfig, slip_turn: float = 1.0, slip_speed: float = 1.0
 ) -> Claim | None:
@@ -42,8 +34,8 @@ def tracks_claim(
     if tracks is None or not tracks.spans(start_ns, t_ns):
         return None
     claimed = tracks.turn_until(t_ns)
-    if tracks_rest(turns, start_ns, t_ns):
-        return Claim(claimed / scale, CREEP_RATE * seconds)
+    if abs(claimed) <= CREEP_RATE * seconds and tracks.distance <= CREEP * seconds:
+        return Claim(claimed / scale, CREEP_RATE * seconds, rests=True)
     timing = config.track_timing * (tracks.rate - tracks.start_rate)
     learnt, worst = (
         math.hypot(

@@ -9,6 +9,7 @@ from fusion.checks.windows import Claim
 # Not derived: `GROSS`, `CONTRADICTION_SIGMAS`, `CONTRADICTION_SCALE_SIGMAS`.
 GROSS = 0.02  # rad/s; smaller contradictions are for the filter's gates to settle
 CONTRADICTION_SIGMAS = 5.0  # standard deviations of a contradiction
+AGREEMENT_SIGMAS = 3.0  # within which two that agree are, but for one window in 370
 CONTRADICTION_SCALE_SIGMAS = 2.5  # of scale factors: theirs are no normal distributions, none is negative
 
 

@@ -11,14 +11,20 @@ from fusion.checks.recovery import Recovery
 from fusion.checks.windows import Claim, Window
 
 CHANGED = 0.1  # rad/s in a window; who errs at less errs at a steady rate, too; not derived
-UNLIKELY_BIAS = (
-    0.2  # rad/s, 11 deg/s; a gyro that rests at more may as well give degrees: 0.2 deg/s is usual; not derived
-)
+UNLIKELY_BIAS = 0.2  # rad/s, 11 deg/s; a gyro at rest gives 0.2 deg/s rather, but not in rad/s; not derived
 
 
 def fits_anything(sensor: Sensor, turn_rate: float, window: Window) -> bool:
     """Whether a bias found at a turn rate (rad/s) may stand for a wrong scale, too, or for images that do not turn."""
     return sensor is Sensor.GYRO and not window.gyro_beyond and (abs(turn_rate) > GROSS or window.tracks is None)
+
+
+def may_give_degrees(sensor: Sensor, off: float, window: Window) -> bool:
+    """Whether a gyro that rests at so large a rate, rad in a window, may not have a bias but another unit.
+
+    Tracks alone need it sooner than it shows that.
+    """
+    return sensor is Sensor.GYRO and window.compass is not None and abs(off) > UNLIKELY_BIAS * window.seconds
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,7 +20,7 @@ from dataclasses import dataclass, replace
 
 from fusion.buffer.events import FOREVER_NS, Sensor
 from fusion.checks.alternative import Alternative
-from fusion.checks.exclusion import UNLIKELY_BIAS, Exclusion, fits_anything
+from fusion.checks.exclusion import Exclusion, fits_anything, may_give_degrees
 from fusion.checks.recovery import Recovery
 from fusion.checks.time_offset import EVERY_WINDOWS, TimeOffset, Turned, time_offset, with_window
 from fusion.checks.windows import Claim, Window
@@ -172,9 +172,8 @@ class Isolation:
     def excluding(self, sensor: Sensor, window: Window, turn: float, size: float) -> Isolation:
         """With a sensor excluded that in this window was off by `size` from the others' `turn`, rad."""
         rate = turn / window.seconds
-        never_well = not self.moved and abs(size) > UNLIKELY_BIAS * window.seconds
-        never_well = never_well and sensor is Sensor.GYRO and window.compass is not None  # tracks alone need it sooner
-        fitted = rate if never_well or fits_anything(sensor, rate, window) else None
+        degrees = not self.moved and may_give_degrees(sensor, size, window)
+        fitted = rate if degrees or fits_anything(sensor, rate, window) else None
         least = abs(rate), abs(size) / window.seconds, abs(window.rate_change)
         silent = sensor is Sensor.TRACKS and not window.tracks_spoke
         recovery = Recovery.begun(size / window.seconds)

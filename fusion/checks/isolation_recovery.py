@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from fusion.buffer.events import Sensor
 from fusion.checks.alternative import Alternative
-from fusion.checks.contradiction import CONTRADICTION_SIGMAS, contradict
+from fusion.checks.contradiction import AGREEMENT_SIGMAS, CONTRADICTION_SIGMAS, contradict
 from fusion.checks.exclusion import Exclusion
 from fusion.checks.gyro_faults import TURNED, rebias, surely_gyro
 from fusion.checks.isolation import Isolation, Judged, Remedy
@@ -55,12 +55,10 @@ def settle_alternatives(iso: Isolation, window: Window, bias: float) -> Judged:
                 remedy = replace(remedy, fold=alternative.variance(window.t_ns))
             remedies.append(remedy)
         elif not iso.excludes(alternative.sensor):
-            recovery = _recovery(iso, alternative, window, bias)
-            iso = iso.with_alternative(replace(alternative, recovery=recovery))
-            sure = alternative.sensor is Sensor.TRACKS or (recovery is not None and recovery.well)
-            if sure and _as_before(iso, alternative, window, bias):
-                iso = iso.without_alternative(alternative.sensor)
-                remedies.append(Remedy(fold=alternative.variance(window.t_ns)))
+            known, over = _as_before(iso, alternative, window, bias)
+            iso = iso.without_alternative(known.sensor) if over else iso.with_alternative(known)
+            if over:
+                remedies.append(Remedy(fold=known.variance(window.t_ns)))
     return iso, Remedy.of(remedies)
 
 
@@ -84,35 +82,24 @@ def _follow(iso: Isolation, alternative: Alternative, window: Window) -> Judged:
     return iso, Remedy(alternative.offset, claim.sigma**2 if claim else 0.0, restored, rate=rate)
 
 
-def _recovery(iso: Isolation, alternative: Alternative, window: Window, bias: float) -> Recovery | None:
-    """What the windows since a contradiction say of whether the alternative's sensor is as it was before it."""
-    claim, reference = window.claim(alternative.sensor), iso.reference(alternative.sensor, window)
+def _as_before(iso: Isolation, alternative: Alternative, window: Window, bias: float) -> tuple[Alternative, bool]:
+    """With what a window says of the alternative's sensor, and whether it is as before the contradiction again."""
+    claim, seconds = window.claim(alternative.sensor), window.seconds
+    reference = iso.reference(alternative.sensor, window)
     if claim is None or reference is None:
-        return alternative.recovery
-    seconds = max((window.t_ns - alternative.since_ns) * 1e-9, window.seconds)
-    known = alternative.recovery or Recovery.begun(alternative.offset / seconds)
-    off = math.copysign(1.0, alternative.offset) * (alternative.turn(claim, window.seconds, bias) - reference.turn)
-    return known.weighed(off, _own_sigma(alternative, claim, window) ** 2 + reference.sigma**2, window.seconds)
-
-
-def _own_sigma(alternative: Alternative, claim: Claim, window: Window) -> float:
-    """Standard deviation of its claim, rad: a gyro has a bias of its own, and the present one's noise is not in it."""
-    if alternative.sensor is not Sensor.GYRO:
-        return claim.sigma
-    return math.sqrt(max(claim.sigma**2 - (window.bias_sigma * window.seconds) ** 2, 0.0))
-
-
-def _as_before(iso: Isolation, alternative: Alternative, window: Window, bias: float) -> bool:
-    """Whether the alternative's sensor agrees with the others, calibrated as it was before the contradiction."""
-    claim, reference = window.claim(alternative.sensor), iso.reference(alternative.sensor, window)
-    if claim is None or reference is None:
-        return False
+        return alternative, False
+    off, now = alternative.turn(claim, seconds, bias) - reference.turn, claim.turn - reference.turn
     if alternative.sensor is Sensor.TRACKS:
         turn = abs(reference.turn)  # so much that tracks that turn otherwise, or not at all, would not be as near
-        return turn > max(TURNED, 2.0 * claim.sigma) and abs(claim.turn - reference.turn) < 0.5 * turn
-    off, now = alternative.turn(claim, window.seconds, bias) - reference.turn, claim.turn - reference.turn
-    sigma = math.hypot(_own_sigma(alternative, claim, window), reference.sigma)
-    return abs(off) <= min(3.0 * sigma, abs(now))
+        return alternative, turn > max(TURNED, 2.0 * claim.sigma) and abs(off) < 0.5 * turn
+    own = claim.sigma**2
+    if alternative.sensor is Sensor.GYRO:  # it has a bias of its own, and the present one's noise is not in it
+        own = max(own - (window.bias_sigma * seconds) ** 2, 0.0)
+    variance, erred_for = own + reference.sigma**2, max((window.t_ns - alternative.since_ns) * 1e-9, seconds)
+    recovery = alternative.recovery or Recovery.begun(alternative.offset / erred_for)
+    recovery = recovery.weighed(math.copysign(1.0, alternative.offset) * off, variance, seconds)
+    agrees = abs(off) <= min(AGREEMENT_SIGMAS * math.sqrt(variance), abs(now))
+    return replace(alternative, recovery=recovery), recovery.well and agrees
 
 
 def judge_excluded(iso: Isolation, window: Window, bias: float) -> Judged:

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from fusion.buffer.events import Sensor
 from fusion.checks.alternative import Alternative, Third
-from fusion.checks.contradiction import CONTRADICTION_SIGMAS, GROSS, contradict
+from fusion.checks.contradiction import AGREEMENT_SIGMAS, CONTRADICTION_SIGMAS, GROSS, contradict
 from fusion.checks.gyro_faults import TURNED, rebias, surely_gyro
 from fusion.checks.isolation import Isolation, Judged, Remedy
 from fusion.checks.isolation_recovery import as_it_was, judge_excluded, settle_alternatives, with_window
@@ -18,7 +18,6 @@ LONG = 6.0  # s; in longer ones errors that last are no noise any more
 STUCK = 0.2  # ratio of turns; less is no scale factor, nor is more than its inverse
 STEADY, STEADY_WINDOWS = 0.2, 2  # by so much of itself a bias changes; windows that show it
 SCALED = 0.1  # of a turn; who differs by less may have another scale factor, which the filter learns
-MOST_DEVIATIONS = 3.0  # standard deviations, of what is not expected to be larger
 SLIPPED_ON = 3  # windows; tracks that slip for longer do not see the robot turn
 
 
@@ -60,15 +59,15 @@ def _judge_start(iso: Isolation, window: Window, bias: float) -> Judged:
     Either it turns at a crawl that the tracks do not see, or what the images show moves. How much of its rate is bias
     nobody has told the gyro yet but the images: that all of it is remains the alternative.
     """
-    gyro, before = window.gyro, iso.start
-    if iso.moved or gyro is None or window.tracks is None:
+    gyro, tracks, before = window.gyro, window.tracks, iso.start
+    if iso.moved or gyro is None or tracks is None:
         return iso, Remedy()
     noise = math.sqrt(max(gyro.noise**2 - (window.bias_sigma * window.seconds) ** 2, 0.0))
     window = replace(window, gyro=replace(gyro, turn=gyro.turn + bias * window.seconds, noise=noise))
     start = before.plus(window) if before and before.t_ns == window.start_ns else window
     rate, usual = (one.gyro.turn / one.seconds if one.gyro else 0.0 for one in (window, start))
     steady = abs(rate - usual) <= CONTRADICTION_SIGMAS * noise / window.seconds
-    if not (window.tracks_rest and steady) or iso.exclusions or iso.alternatives:
+    if not (tracks.rests and steady) or iso.exclusions or iso.alternatives:
         return replace(iso, moved=True, start=None), Remedy()
     images, off = start.compass, start.compass.turn if start.compass else 0.0
     if abs(off) <= GROSS * WINDOW_NS * 1e-9 or not contradict(images, start.tracks, 0.0):
@@ -115,7 +114,7 @@ def _gyro_steps(iso: Isolation, long: Window, bias: float) -> Judged | None:
 def _gyro_against_rest(iso: Isolation, long: Window, bias: float) -> Judged | None:
     """A gyro turns for several windows while tracks stand, by so little that one does not show it; None where not."""
     gyro, tracks = iso.trusted(Sensor.GYRO, long), iso.trusted(Sensor.TRACKS, long)
-    if gyro is None or tracks is None or long.compass is not None or not long.tracks_rest:
+    if gyro is None or tracks is None or long.compass is not None or not tracks.rests:
         return None
     if abs(gyro.turn - tracks.turn) <= GROSS * WINDOW_NS * 1e-9 or not contradict(gyro, tracks, 0.0):
         return None
@@ -139,7 +138,7 @@ def _judge_trusted(iso: Isolation, window: Window, bias: float) -> Judged:
 
 def _turns_otherwise(gyro: Claim, other: Claim | None) -> bool:
     """Whether a gyro that hangs is contradicted, by whatever scale factor: one that works gives no number so often."""
-    return other is not None and abs(gyro.turn - other.turn) > MOST_DEVIATIONS * math.hypot(gyro.noise, other.noise)
+    return other is not None and abs(gyro.turn - other.turn) > AGREEMENT_SIGMAS * math.hypot(gyro.noise, other.noise)
 
 
 def _beyond(iso: Isolation, gyro: Claim, window: Window, bias: float) -> Judged:

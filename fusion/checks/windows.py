@@ -263,6 +263,8 @@ class Claim:
     begin, end : float
         What of the noise's variance, rad^2, is in the window before, or in the next one, too, with the opposite sign:
         the error of the image between them, or of the gyro's rate held until then.
+    rests : bool
+        Whether tracks say that the robot neither turned nor drove.
     """
 
     turn: float
@@ -271,6 +273,7 @@ class Claim:
     at_worst: float = 0.0
     begin: float = 0.0
     end: float = 0.0
+    rests: bool = False
 
     def plus(self, later: Claim | None) -> Claim | None:
         """Of this window and the next one together."""
@@ -279,7 +282,7 @@ class Claim:
         variance = max(self.noise**2 - self.end, 0.0) + max(later.noise**2 - later.begin, 0.0)
         worst = math.hypot(self.at_worst, later.at_worst)
         turn, scale = self.turn + later.turn, max(self.scale, later.scale)
-        return Claim(turn, math.sqrt(variance), scale, worst, self.begin, later.end)
+        return Claim(turn, math.sqrt(variance), scale, worst, self.begin, later.end, self.rests and later.rests)
 
     @property
     def sigma(self) -> float:
@@ -313,8 +316,6 @@ class Window:
         Standard deviation of the gyro bias at its beginning, rad/s.
     stood : bool
         Whether the robot stood at both ends.
-    tracks_rest : bool
-        Whether the tracks say that it neither turned nor drove.
     part : bool
         Whether the images say that they do not show the full circle once: then the compass turns by a wrong factor.
     """
@@ -334,7 +335,6 @@ class Window:
     stood: bool = False
     part: bool = False
     gyro_hangs: bool = False
-    tracks_rest: bool = False
 
     def plus(self, later: Window) -> Window:
         """This window and the next one as one."""
@@ -355,7 +355,6 @@ class Window:
             self.stood and later.stood,
             self.part or later.part,
             self.gyro_hangs and later.gyro_hangs,
-            self.tracks_rest and later.tracks_rest,
         )
 
     @property

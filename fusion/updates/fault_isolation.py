@@ -8,7 +8,7 @@ from dataclasses import replace
 from compass import YawIncrement
 from fusion.buffer.events import Sensor
 from fusion.checks.alternative import ALTERNATIVE_PROBABILITY, FOUND_AGAIN_PROBABILITY, Alternative
-from fusion.checks.claims import gyro_claim, tracks_claim, tracks_rest
+from fusion.checks.claims import gyro_claim, tracks_claim
 from fusion.checks.contradiction import contradict
 from fusion.checks.diagnosis import warnings_of
 from fusion.checks.gate import Verdict
@@ -145,7 +145,6 @@ class FaultIsolation:
             turns.start.standing and state.stillness.standing,
             increment is not None and increment.factor_sigma > 0.0,
             gyro_hangs=repeats and state.gyro_noise.stuck,
-            tracks_rest=tracks_rest(turns, start_ns, t_ns),
         )
 
     def note_refusal(
