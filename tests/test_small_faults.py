@@ -11,9 +11,10 @@ from compass import YawIncrement, wrap_angle
 from fusion import GyroSample, OdometrySample, YawFusion
 from fusion.buffer.events import Sensor
 from fusion.checks.alternative import Alternative
+from fusion.checks.diagnosis import kind_of
 from fusion.checks.recovery import Recovery
 from fusion.checks.scale_conflict import ScaleConflict
-from fusion.checks.windows import Window
+from fusion.checks.windows import Claim, Window
 
 S = 10**9
 FLOOR = math.radians(0.02)  # of sigma, below which nobody cares
@@ -105,6 +106,18 @@ def test_odometry_in_degrees_beside_two_that_agree_is_named_and_leaves_the_yaw_a
     }  # by its poses, which are degrees modulo 6.28, it is no scale
     assert np.abs(error[t > 15.0]).max() < math.radians(0.5)
     assert sigma[t > 15.0].max() < math.radians(2.0)
+
+
+@pytest.mark.parametrize(("times", "asks"), [(57.3, True), (57.3 * 1.3, True), (57.3 * 1.6, True), (3.0, False)])
+def test_odometry_in_degrees_is_told_whatever_its_own_scale_factor(times, asks):
+    turns = (0.1, 0.2, -0.15)
+    windows = [
+        Window(k * S, (k + 1) * S, None, Claim(times * turn, 0.01), Claim(turn, 0.001), turn)
+        for k, turn in enumerate(turns)
+    ]
+    kind = kind_of(Sensor.TRACKS, Sensor.COMPASS, windows)
+    assert kind.code == "sensors_disagree_scale"
+    assert ("degrees" in kind.remedy) is asks
 
 
 def test_one_window_that_agrees_does_not_heal_what_is_lost_in_noise():

@@ -177,6 +177,6 @@ def _by_ratio(sensor: Sensor, ratio: float) -> Kind:
             return Kind("images_do_not_turn", "the images do not turn with the robot", "switch stabilisation off")
         code = "gyro_stuck" if sensor is Sensor.GYRO else "odometry_stuck"
         return Kind(code, f"{name} does not turn with the robot", "check its topic and driver")
-    degrees = sensor is Sensor.TRACKS and RADIANS[0] < abs(ratio) < RADIANS[1]
-    cure = "its driver gives degrees; make them radians" if degrees else _RECHECK[sensor]
+    degrees = sensor is Sensor.TRACKS and ratio > RADIANS[0]  # times a scale factor of their own
+    cure = "does its driver give degrees? make them radians" if degrees else _RECHECK[sensor]
     return Kind("sensors_disagree_scale", f"{name} turns {ratio:.2f} times as far as the others", cure)
