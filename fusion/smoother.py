@@ -26,6 +26,7 @@ from fusion.buffer.events import (
     reference_of,
     sensor_of,
 )
+from fusion.buffer.plain import plain
 from fusion.checks.silence import SILENT_NS
 from fusion.config import FusionConfig
 from fusion.filter import YawFilter
@@ -96,9 +97,9 @@ def ordered_events(samples: Iterable[Sample], config: FusionConfig) -> list[Fusi
     """Usable samples, each once, and the references they need, in the filter's order."""
     events: dict[tuple[int | float, ...], FusionEvent] = {}
     for sample in samples:
-        if sensor_of(sample) and fault_of(sample):
+        if sensor_of(sample) and fault_of(one := plain(sample)):
             continue
-        event = event_of(sample)
+        event = event_of(one)
         events[event.order] = event
     before: dict[bool, YawIncrement] = {}
     first_order = min(events, default=())

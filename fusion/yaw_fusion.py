@@ -23,6 +23,7 @@ from fusion.buffer.events import (
     reference_of,
     sensor_of,
 )
+from fusion.buffer.plain import plain
 from fusion.buffer.replay import Arrival, Timeline
 from fusion.checks.faulty import FaultWatch
 from fusion.checks.gaps import GapWatch
@@ -95,9 +96,10 @@ class YawFusion:
         Raises
         ------
         ArgumentError
-            Its stamp is no whole number, as seconds are.
+            Its stamp is no whole number, as seconds are, or another value is no number.
         """
         sensor = sensor_of(sample)
+        sample = plain(sample)
         fault = fault_of(sample)
         self._faults.note(sensor, sample.t_ns, fault)
         if fault:

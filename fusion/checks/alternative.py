@@ -97,7 +97,7 @@ class Third:
         nearest, farthest = min(followed, other), max(followed, other)
         if farthest - nearest < DECIDED or nearest > NEARER * farthest:
             return None
-        return other < followed
+        return bool(other < followed)
 
 
 @dataclass(frozen=True, slots=True)
