@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import copy
 import logging
 import math
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import replace
+from typing import Any
 
 from compass import YawIncrement
 from compass.stamps import whole_ns
@@ -64,6 +66,7 @@ class YawFusion:
         self.counts: Counter[str] = Counter()
         self.refusals: dict[Sensor, str] = {}
         self._filter = YawFilter(self.config)
+        self._before_jump: dict[str, Any] = {}  # all that was known when stamps last jumped ahead
         self.reset()
 
     def reset(self) -> None:
@@ -112,7 +115,7 @@ class YawFusion:
             self._refuse(sample, "far ahead of all others")
             if self._leads.opposed:
                 self._clocks.mismatch(sensor, sample.t_ns, newest_ns)
-            return self._take_all(self._leads.deserted()) and self._catch_up()
+            return self._jump_ahead(self._leads.deserted()) and self._catch_up()
         if newest_ns is not None and sample.t_ns > newest_ns + self._reach_of(sensor):
             return self._wait(sample, newest_ns)
         for other in (self._ahead, self._behind):
@@ -125,6 +128,25 @@ class YawFusion:
     def _catch_up(self) -> bool:
         """Take samples that were ahead and are so no more; always True."""
         self._take_all(self._ahead.caught_up((self._timeline.newest_ns or 0) + self._reach_ns))
+        return True
+
+    def _jump_ahead(self, samples: list[Sample]) -> bool:
+        """Take samples that are believed to say that time has jumped, if there are any."""
+        if samples:
+            self._before_jump = {}
+            shared = self.config, self.counts, self.refusals, self._filter
+            self._before_jump = copy.deepcopy(self.__dict__, {id(one): one for one in shared})
+        return self._take_all(samples)
+
+    def _as_before_jump(self, t_ns: int) -> bool:
+        """Take back a jump ahead if a stamp, ns, goes on where stamps were then; whether it did."""
+        before = self._before_jump
+        left_ns = before["_timeline"].newest_ns if before else None
+        if left_ns is None or not left_ns - self._lag_ns <= t_ns <= left_ns + self._reach_ns:
+            return False
+        log.warning("time is back at %d ns: what was stamped later was stamped wrongly, and is taken back", t_ns)
+        self.counts["reset: back from a jump ahead"] += 1
+        self.__dict__.update(before)
         return True
 
     def _take_all(self, samples: list[Sample]) -> bool:
@@ -154,9 +176,11 @@ class YawFusion:
         self._behind.add(sample, newest_ns)
         if not self._behind.believed(self._heard, newest_ns, self._reach_ns):
             return False
+        group = self._behind.leave(ABANDONED_NS)
+        if self._as_before_jump(group[0].t_ns):
+            return self._take_all(group)
         log.warning("time jumped back to %d ns: fusion starts anew", sample.t_ns)
         self.counts["reset: time jumped back"] += 1
-        group = self._behind.leave(ABANDONED_NS)
         wrong = self._began_elsewhen(group, newest_ns)
         self._restart(self._filter.start if wrong else self._filter.lost(self._timeline.state, UNKNOWN_TURN))
         if not wrong:
@@ -175,7 +199,7 @@ class YawFusion:
         if self._began_elsewhen(group, newest_ns):
             self.reset()
         self._clocks = ClockWatch()
-        return self._take_all(group)
+        return self._jump_ahead(group)
 
     def _began_elsewhen(self, group: list[Sample], newest_ns: int) -> bool:
         """Whether all before these samples of another time was a wrong stamp at the very start, or a foreign clock.

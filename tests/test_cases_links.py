@@ -208,3 +208,36 @@ def test_accepted_settings_give_finite_numbers(name):
         if estimate:
             assert math.isfinite(estimate.yaw)
             assert estimate.yaw_variance > 0.0
+
+
+@pytest.mark.parametrize(
+    ("seconds_ahead", "count", "step_ms"), [(2.3, 41, 22), (0.3, 42, 100), (5.0, 60, 10), (30.0, 200, 22)]
+)
+def test_time_that_jumps_ahead_with_one_sensor_and_comes_back_costs_no_yaw(seconds_ahead, count, step_ms):
+    """So many samples ahead look like a time that has passed; when all others go on where they were, it had not."""
+    fusion = YawFusion()
+    feed(fusion, steady(0, 6))
+    for k in range(count):
+        t_ns = NOW_NS + round(seconds_ahead * S) + k * step_ms * 10**6
+        fusion.add(OdometrySample(t_ns, RATE, 0.1, 0.1))
+    feed(fusion, steady(6.02, 9))
+    assert_honest(fusion.estimate(), RATE * 8.99, 10.0)
+
+
+@pytest.mark.parametrize("seen_deg", [0.0, 60.0, -138.0, 175.0])
+def test_robot_turned_in_the_dark_stays_where_it_was_found_while_it_stands(seen_deg):
+    """Tracks saw no turn, the camera finds the place again: nothing moves afterwards, nor does sigma shrink."""
+    fusion, seen = YawFusion(), []
+    for k in range(2000):
+        t, t_ns = k / 100, BEGIN_NS + k * 10**7
+        if k % 3 == 0:
+            fusion.add(OdometrySample(t_ns, 0.0, 0.0, 0.0))
+        if k % 20 == 10 and not 7.9 < t < 11.6:
+            reference_ns = BEGIN_NS + 7_900_000_000 if 11.6 < t < 12.6 else t_ns - 200_000_000
+            turned = math.radians(seen_deg) if 11.6 < t < 12.6 else 0.0
+            fusion.add(YawIncrement(reference_ns, t_ns, turned, 1e-8, 0.9))
+        if t > 13.5:
+            seen.append(fusion.estimate())
+    assert max(e.yaw for e in seen) - min(e.yaw for e in seen) < math.radians(1.0)
+    for estimate in seen:
+        assert_honest(estimate, math.radians(seen_deg), 400.0)

@@ -299,7 +299,10 @@ def open_rate(ekf: YawEkf, sigma: float, within: float, seen: float) -> None:
 
 
 def stand_still(ekf: YawEkf, seconds: float) -> None:
-    """Take in that the robot has stood for so long, since STILL_REF, but for a creep too slow to be found."""
+    """Take in that the robot has stood for so long, since STILL_REF, but for a creep too slow to be found.
+
+    Where the yaw was corrected meanwhile for a turn that nobody knows the time of, STILL_REF may be from before it.
+    """
     # it does not observe scale factors, though linearised their errors go along with that of the rate
     consider = (State.SCALE, State.GYRO_SCALE)
     H = np.zeros((1, DIM))
@@ -307,4 +310,8 @@ def stand_still(ekf: YawEkf, seconds: float) -> None:
     ekf.correct(Measurement(-float(ekf.x[State.RATE]), H, RESOLUTION**2, consider=consider))
     H = np.zeros((1, DIM))
     H[0, State.YAW], H[0, State.STILL_REF], H[0, State.RATE] = 1.0, -1.0, -seconds  # all the while at that rate
-    ekf.correct(Measurement(-float((H @ ekf.x)[0]), H, STILL_TURN**2, consider=consider))
+    measurement = Measurement(-float((H @ ekf.x)[0]), H, STILL_TURN**2, consider=consider)
+    if measurement.innovation**2 > MOTION_SIGMAS**2 * ekf.expect(measurement).S:
+        ekf.clone_yaw(State.STILL_REF)
+    else:
+        ekf.correct(measurement)
