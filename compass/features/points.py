@@ -91,9 +91,9 @@ def sectors_of(at: Pixels, columns: int) -> npt.NDArray[np.intp]:
 def cut_patches(picture: Picture, at: Pixels) -> Patches:
     """What surrounds corners at (n, 2) columns and rows of the strip."""
     around = _windows(picture.soft, at.astype(np.intp), 1)
-    values, contrast = levelled(around[:, 1:-1, 1:-1].reshape(len(at), -1))
+    values, contrast = levelled(around[:, 1:-1, 1:-1].reshape(len(at), SIDE * SIDE))
     right, down = around[:, 1:-1, 2:] - around[:, 1:-1, :-2], around[:, 2:, 1:-1] - around[:, :-2, 1:-1]
-    right, down = (0.5 * one.reshape(len(at), -1) for one in (right, down))
+    right, down = (0.5 * one.reshape(len(at), SIDE * SIDE) for one in (right, down))
     slopes = np.stack([right, down], axis=1)
     growing = right * ACROSS + down * DOWN
     # a change of brightness or contrast is no shift: both are taken out of the slopes
@@ -117,7 +117,7 @@ def sample(pixels: Pixels, at: Pixels) -> Pixels:
     whole = np.floor(at).astype(np.intp)
     across, down = _interpolations(at - whole)
     patches: Pixels = down @ _windows(pixels, whole, 2, 3) @ across.transpose(0, 2, 1)
-    return patches.reshape(len(at), -1)
+    return patches.reshape(len(at), SIDE * SIDE)
 
 
 def _windows(pixels: Pixels, whole: npt.NDArray[np.intp], before: int, after: int | None = None) -> Pixels:
