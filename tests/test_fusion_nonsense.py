@@ -20,6 +20,13 @@ STEP_NS = 10_000_000
 NONSENSE = {
     "gyro": lambda t_ns: GyroSample(t_ns, 1e300),
     "track rate": lambda t_ns: OdometrySample(t_ns, -1e300, 0.0),
+    "track pose": lambda t_ns: OdometrySample(t_ns, 0.1, 0.5, 1e300),
+    "gyro variance": lambda t_ns: GyroSample(t_ns, 0.1, 1e300),
+    "gyro cross rate": lambda t_ns: GyroSample(t_ns, 0.1, cross_rate=-1e300),
+    "increment": lambda t_ns: YawIncrement(t_ns - 10**8, t_ns, 1e300, 1e-6, 0.9),
+    "increment variance": lambda t_ns: YawIncrement(t_ns - 10**8, t_ns, 0.01, 1e300, 0.9),
+    "increment confidence": lambda t_ns: YawIncrement(t_ns - 10**8, t_ns, 0.01, 1e-6, math.nan),
+    "increment factor": lambda t_ns: YawIncrement(t_ns - 10**8, t_ns, 0.01, 1e-6, 0.9, factor_sigma=math.nan),
     "track speed": lambda t_ns: OdometrySample(t_ns, 0.1, 1e300),
 }
 

@@ -13,6 +13,7 @@ from fusion.samples import GyroSample, OdometrySample
 Sample = GyroSample | OdometrySample | YawIncrement
 FOREVER_NS = 2**63  # beyond all stamps
 NONSENSE_RATE = 1e3  # m/s and rad/s; a driver's nonsense beyond it could overflow the filter's squares
+NONSENSE = 1e12  # rad, rad^2 and all else: a pose of so many turns has lost the digits of its heading
 
 
 class Sensor(Enum):
@@ -130,7 +131,8 @@ def fault_of(sample: Sample) -> str | None:
         return "negative stamp"
     motion: tuple[float, ...] = ()
     if isinstance(sample, YawIncrement):
-        numbers: tuple[float | None, ...] = (sample.yaw, sample.variance, sample.turn, *sample.tilt)
+        known = sample.yaw, sample.variance, sample.confidence, sample.factor_sigma
+        numbers: tuple[float | None, ...] = (*known, sample.turn, *sample.tilt)
         variance: float | None = sample.variance
         if not 0 <= sample.t_ref_ns < sample.t_ns:
             return "reference not before the image"
@@ -144,6 +146,8 @@ def fault_of(sample: Sample) -> str | None:
         return "not finite"
     if variance is not None and variance <= 0.0:
         return "variance not positive"
+    if any(abs(number) > NONSENSE for number in numbers if number is not None):
+        return f"a number beyond {NONSENSE:g}"
     if any(abs(number) > NONSENSE_RATE for number in motion):
         return f"faster than {NONSENSE_RATE:g} m/s or rad/s"
     return None
