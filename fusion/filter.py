@@ -22,6 +22,7 @@ from fusion.buffer.events import (
 from fusion.checks.diagnosis import adds_up
 from fusion.checks.scale_conflict import ScaleConflict
 from fusion.checks.silence import RATE_SILENT_NS
+from fusion.checks.stillness import Stillness
 from fusion.config import FusionConfig
 from fusion.imu.tilt import TiltedTurn
 from fusion.state.bias_prior import BiasPrior
@@ -35,7 +36,7 @@ from fusion.updates.fault_isolation import FaultIsolation
 from fusion.updates.gating import Gating
 from fusion.updates.gyro import GyroUpdate
 from fusion.updates.odometry import TRACK_MEMORY, OdometryUpdate
-from fusion.updates.standstill import StandstillUpdate, Stillness
+from fusion.updates.standstill import StandstillUpdate
 
 GYRO_MEMORY = 3000.0  # gyro samples; half a minute of them, legs of straight driving and turns
 WATCHED_NS = 50_000_000  # since the last gyro sample: a slower gyro does not see how the robot starts to turn

@@ -10,7 +10,7 @@ from scipy.stats import chi2
 
 from compass import YawIncrement, wrap_angle
 from fusion import FusionConfig, GyroSample, OdometrySample, Sensor, YawFusion
-from fusion.updates.standstill import Stillness
+from fusion.checks.stillness import Stillness
 
 DEG = math.radians(1.0)
 

@@ -8,8 +8,9 @@ import pytest
 from compass import YawIncrement, wrap_angle
 from fusion import FusionConfig, GyroSample, OdometrySample, Sensor, YawFusion
 from fusion.state.ekf import DIM, State, YawEkf
+from fusion.state.gyro_trail import TRAIL_NS, GyroTrail
 from fusion.state.learnt_noise import JITTERS, LearntNoise
-from fusion.updates.image_timing import TRAIL_NS, GyroTrail, clone_exposure, exposure
+from fusion.updates.image_timing import clone_exposure, exposure
 
 SECOND = 10**9
 

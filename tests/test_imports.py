@@ -39,6 +39,8 @@ ALSO = {
     "fusion/offline/allan.py": {"allantools"},
     "fusion/offline/rerun_export.py": {"rerun"},
 }
+# samples and their order, then what is wrong with them, then what is believed, then what a sensor changes of that
+BEYOND = ("fusion.offline", "fusion.simulation", "fusion.state", "fusion.updates", "fusion.filter", "fusion.yaw_fusion")
 NEVER = {
     "compass": ("fusion",),
     "compass/images": ("fusion", "compass.methods", "compass.features"),
@@ -46,11 +48,11 @@ NEVER = {
     "compass/flow": ("fusion", "compass.features"),
     "compass/features": ("fusion",),
     "fusion": ("fusion.offline", "fusion.simulation"),
-    "fusion/state": ("fusion.offline", "fusion.simulation"),
-    "fusion/updates": ("fusion.offline", "fusion.simulation"),
-    "fusion/buffer": ("fusion.offline", "fusion.simulation"),
-    "fusion/checks": ("fusion.offline", "fusion.simulation"),
-    "fusion/imu": ("fusion.offline", "fusion.simulation"),
+    "fusion/state": ("fusion.offline", "fusion.simulation", "fusion.updates", "fusion.filter", "fusion.yaw_fusion"),
+    "fusion/updates": ("fusion.offline", "fusion.simulation", "fusion.filter", "fusion.yaw_fusion"),
+    "fusion/buffer": (*BEYOND, "fusion.checks", "fusion.imu"),
+    "fusion/checks": (*BEYOND, "fusion.imu"),
+    "fusion/imu": BEYOND,
     "fusion/simulation": (
         *(f"compass.{name}" for name in ("visual_compass", "increment", "tilt", "images", "methods", "features")),
         *(f"fusion.{name}" for name in ("filter", "pipeline", "yaw_fusion", "smoother", "checks", "imu", "offline")),

@@ -11,8 +11,8 @@ from fusion.checks.contradiction import contradict
 from fusion.checks.gyro_faults import surely_gyro
 from fusion.checks.isolation import Isolation
 from fusion.checks.isolation_rules import judge
+from fusion.checks.stillness import CompassTurn
 from fusion.checks.windows import Claim, RateTurn, Window
-from fusion.updates.standstill import CompassTurn
 
 S = 500_000_000  # ns, a window
 

@@ -7,7 +7,7 @@ import pytest
 
 from compass import YawIncrement
 from fusion import GyroSample, OdometrySample, YawFusion
-from fusion.updates.odometry import OdometryFields
+from fusion.state.track_claim import OdometryFields
 
 STEP_NS = 50_000_000
 

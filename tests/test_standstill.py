@@ -7,7 +7,7 @@ import pytest
 
 from compass import YawIncrement
 from fusion import GyroSample, OdometrySample, YawFusion
-from fusion.updates.standstill import Stillness
+from fusion.checks.stillness import Stillness
 
 S = 10**9
 STARTS, FASTEST, RAMP, TURNS = 3.0, 1.0, 0.3, 0.6  # s, rad/s, s, s

@@ -16,7 +16,7 @@ from fusion.imu.levelling import ImuConfig, ImuLevel
 from fusion.imu.tilt import TILT_ERROR, BiasGain, TiltLog, heading_change, heading_gain
 from fusion.offline.summary import remarks
 from fusion.state.ekf import State
-from fusion.updates.odometry import OdometryFields
+from fusion.state.track_claim import OdometryFields
 
 DEG = math.radians(1.0)
 BIAS = np.array([0.004, -0.005, 0.003])  # rad/s, of a gyro's three axes

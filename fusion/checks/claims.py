@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 
+from fusion.checks.stillness import CREEP, CREEP_RATE
 from fusion.checks.windows import Claim, Turns
 from fusion.config import FusionConfig
-from fusion.updates.standstill import CREEP, CREEP_RATE
 
 
 def gyro_claim(turns: Turns, start_ns: int, t_ns: int, config: FusionConfig, gyro_noise: float = 1.0) -> Claim | None:

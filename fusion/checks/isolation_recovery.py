@@ -12,8 +12,8 @@ from fusion.checks.exclusion import Exclusion
 from fusion.checks.gyro_faults import TURNED, rebias, surely_gyro
 from fusion.checks.isolation import Isolation, Judged, Remedy
 from fusion.checks.recovery import Recovery
+from fusion.checks.stillness import CREEP_RATE
 from fusion.checks.windows import Claim, Window
-from fusion.updates.standstill import CREEP_RATE
 
 # Not derived: `TIMED`, `LONGEST_DELAY`, `SUSTAINED`.
 TIMED = 0.95  # of squared contradictions, explained by a time offset

@@ -12,11 +12,9 @@ from dataclasses import dataclass, field, replace
 from compass import YawIncrement, wrap_angle
 from fusion.buffer.events import Sensor
 from fusion.checks.silence import SILENT_NS
+from fusion.checks.stillness import CompassTurn
 from fusion.record import record
 from fusion.samples import GyroSample, OdometrySample
-from fusion.state.ekf import State, YawEkf
-from fusion.state.gyro_noise import SAME
-from fusion.updates.standstill import CompassTurn
 
 WINDOW_NS = 500_000_000  # not derived
 # Not derived: `LONGEST_WINDOW_NS`, `LONGEST_GAP`, `BEYOND`, `SAME_NUMBER`.
@@ -27,6 +25,7 @@ FASTEST_ROBOT = 4.0 * math.pi  # rad/s; two turns a second, faster than tracked 
 FASTEST_CHANGE = FASTEST_ROBOT / 0.25  # rad/s^2: at its fastest in a quarter of a second; not derived
 COMES_BACK = 0.5  # of a spike is enough to be back, as the robot may turn meanwhile; not derived
 BEYOND = 4  # one sample in so many of a window beyond that is no spike
+SAME = 1e-6  # rad/s; less than any gyro's least step, more than one number varies when it is levelled
 SAME_NUMBER = 10  # samples in a row that are one number: no gyro that works does that
 
 
@@ -162,14 +161,6 @@ class Start:
     delay: float = 0.0
     delay_sigma: float = 0.0
     standing: bool = field(default=False, kw_only=True)
-
-    @staticmethod
-    def of(ekf: YawEkf, *, standing: bool) -> Start:
-        """What it knows now."""
-        values: list[float] = []
-        for state in (State.BIAS, State.GYRO_SCALE, State.SCALE, State.CAMERA_DELAY):
-            values += float(ekf.x[state]), math.sqrt(float(ekf.P[state, state]))
-        return Start(float(ekf.x[State.YAW]), float(ekf.x[State.RATE]), *values, standing=standing)
 
 
 @record

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from fusion.record import record
 from fusion.state.ekf import CLONES
-from fusion.updates.image_timing import Exposure
+from fusion.state.gyro_trail import Exposure
 
 
 @record

@@ -14,6 +14,7 @@ from fusion.checks.isolation import Isolation
 from fusion.checks.refusal import Refusal
 from fusion.checks.scale_conflict import ScaleConflict
 from fusion.checks.silence import RATE_SILENT_NS, SILENT_NS
+from fusion.checks.stillness import CREEP_RATE, Stillness
 from fusion.checks.turn_count import TurnCount
 from fusion.checks.unconfirmed import Belief, TracksSince, Unconfirmed
 from fusion.checks.warnings import Warning, most_serious_first
@@ -25,10 +26,9 @@ from fusion.state.bias_walk import BiasWalk
 from fusion.state.clones import Clones
 from fusion.state.ekf import Array, Correction, State, Transition, YawEkf
 from fusion.state.gyro_noise import GyroNoise
+from fusion.state.gyro_trail import GyroTrail
 from fusion.state.learnt_noise import LearntNoise
-from fusion.updates.image_timing import GyroTrail
-from fusion.updates.odometry import OdometryFields, TrackClaim
-from fusion.updates.standstill import CREEP_RATE, Stillness
+from fusion.state.track_claim import OdometryFields, TrackClaim
 
 
 @dataclass

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import field
 
+from fusion.checks.windows import SAME
 from fusion.record import record
 from fusion.state.learnt_noise import LearntNoise
 
@@ -14,7 +15,6 @@ NOISE_MEMORY = 500.0  # third differences, each of four samples
 NOISE_TAIL = 10.0  # degrees of freedom; robots start and bump
 COARSEST = 0.1  # rad/s; no gyro's resolution is more
 HOLDS = 5  # numbers in a row, each sent more than once, that make a gyro one that is sent more often than it measures
-SAME = 1e-6  # rad/s; less than any gyro's least step, more than one number varies when it is levelled
 
 
 def third_difference(walk: float, ramp: float, dt: float) -> float:

@@ -15,8 +15,9 @@ from fusion.checks.gate import Verdict
 from fusion.imu.tilt import heading_change
 from fusion.state.clones import Clone
 from fusion.state.ekf import DIM, Measurement, State, YawEkf
+from fusion.state.gyro_trail import Exposure
 from fusion.updates.gating import Gating
-from fusion.updates.image_timing import Exposure, clone_exposure, exposure_of
+from fusion.updates.image_timing import clone_exposure, exposure_of
 
 if TYPE_CHECKING:
     from fusion.state.filter_state import FilterState

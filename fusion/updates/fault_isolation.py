@@ -19,7 +19,7 @@ from fusion.checks.windows import BEYOND, LONGEST_WINDOW_NS, SAME_NUMBER, WINDOW
 from fusion.config import FusionConfig
 from fusion.state.ekf import Measurement, State
 from fusion.state.filter_state import FilterState
-from fusion.updates.image_timing import Exposure, GyroTrail
+from fusion.state.gyro_trail import Exposure, GyroTrail
 
 JUMPED_BIAS = 0.01  # rad/s; one that has jumped is no longer as its driver had calibrated it; not derived
 
@@ -79,7 +79,7 @@ class FaultIsolation:
                 state.refusal = None
                 if not before.excludes(Sensor.COMPASS):  # it was learnt from images that may have erred for long
                     ekf.renew(State.GYRO_SCALE, self._config.gyro_scale_sigma**2)
-        state.turns = state.turns.anew(t_ns, Start.of(ekf, standing=state.stillness.standing), increment)
+        state.turns = state.turns.anew(t_ns, _start(state), increment)
         return wrong_ns
 
     def _apply(self, state: FilterState, remedy: Remedy) -> bool:
@@ -197,3 +197,12 @@ class FaultIsolation:
         if alternative is None:
             alternative = Alternative(Sensor.GYRO, since_ns, 0.0, bias=float(state.ekf.x[State.BIAS]))
         state.isolation = state.isolation.with_alternative(replace(alternative, offset=alternative.offset + offset))
+
+
+def _start(state: FilterState) -> Start:
+    """What is believed now, as a window begins."""
+    ekf = state.ekf
+    known: list[float] = []
+    for one in (State.BIAS, State.GYRO_SCALE, State.SCALE, State.CAMERA_DELAY):
+        known += float(ekf.x[one]), math.sqrt(float(ekf.P[one, one]))
+    return Start(float(ekf.x[State.YAW]), float(ekf.x[State.RATE]), *known, standing=state.stillness.standing)
