@@ -92,3 +92,15 @@ def test_gyro_and_tracks_that_contradict_stay_in_doubt_while_the_robot_stands():
     t, error, sigma, _ = seen(samples, ride)
     late = t > FAULT + 0.5
     assert (np.abs(error[late]) <= 4.0 * sigma[late]).all()
+
+
+@pytest.mark.parametrize("hertz", [2, 20])
+def test_pose_of_another_publisher_or_after_a_reset_is_no_turn(hertz):
+    """A second node on the same topic, or a driver that starts again: no robot turns by 2 rad in between."""
+    ride = robot_drive(1, seconds=30.0)
+    odd = [replace(s, yaw=s.yaw - 2.0) for s in ride.samples if isinstance(s, OdometrySample)][:: 20 // hertz]
+    other = [replace(s, t_ns=s.t_ns + 7_000_000) for s in odd]
+    t, error, sigma, _ = seen(ride.samples + other, ride)
+    settled = t > 10.0
+    assert (np.abs(error[settled]) <= np.maximum(4.0 * sigma[settled], 0.1)).all()
+    assert sigma[settled].max() < 1.0

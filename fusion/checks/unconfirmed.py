@@ -15,6 +15,7 @@ gyro that repeats one number.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 from compass import wrap_angle
@@ -22,7 +23,7 @@ from fusion.buffer.events import Sensor
 from fusion.checks.alternative import ALTERNATIVE_PROBABILITY
 from fusion.checks.contradiction import CONTRADICTION_SIGMAS
 from fusion.checks.silence import PERIODS, RATE_SILENT_NS, SILENT_NS
-from fusion.checks.windows import Window
+from fusion.checks.windows import FASTEST_ROBOT, Window
 from fusion.record import record
 from fusion.samples import OdometrySample
 
@@ -78,12 +79,12 @@ class TracksSince:
         return TracksSince(last, -last.yaw_rate * (t_ns - last.t_ns) * 1e-9)
 
     def add(self, sample: OdometrySample) -> TracksSince:
-        """With one more sample."""
+        """With one more sample; a pose that has jumped as no robot turns, a driver's reset or another's, says nothing."""
+        seconds, by_poses = (sample.t_ns - self.last.t_ns) * 1e-9, math.inf
         if self.last.yaw is not None and sample.yaw is not None:
-            turn = float(wrap_angle(sample.yaw - self.last.yaw))
-        else:
-            turn = sample.yaw_rate * (sample.t_ns - self.last.t_ns) * 1e-9
-        return TracksSince(sample, self.turn + turn)
+            by_poses = float(wrap_angle(sample.yaw - self.last.yaw))
+        believed = abs(by_poses) <= FASTEST_ROBOT * seconds
+        return TracksSince(sample, self.turn + (by_poses if believed else sample.yaw_rate * seconds))
 
     def turn_until(self, t_ns: int) -> float:
         """Up to a time, ns, after the newest sample, whose rate is held."""
