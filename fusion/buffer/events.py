@@ -146,10 +146,10 @@ def fault_of(sample: Sample) -> str | None:
         return "not finite"
     if variance is not None and variance <= 0.0:
         return "variance not positive"
-    if any(abs(number) > NONSENSE for number in numbers if number is not None):
-        return f"a number beyond {NONSENSE:g}"
     if any(abs(number) > NONSENSE_RATE for number in motion):
         return f"faster than {NONSENSE_RATE:g} m/s or rad/s"
+    if any(abs(number) > NONSENSE for number in numbers if number is not None):
+        return f"a number beyond {NONSENSE:g}"
     return None
 
 
