@@ -79,7 +79,7 @@ class TracksSince:
         return TracksSince(last, -last.yaw_rate * (t_ns - last.t_ns) * 1e-9)
 
     def add(self, sample: OdometrySample) -> TracksSince:
-        """With one more sample; a pose that has jumped as no robot turns, a driver's reset or another's, says nothing."""
+        """With one more sample; a pose that jumped as no robot turns, by a reset or of another, says nothing."""
         seconds, by_poses = (sample.t_ns - self.last.t_ns) * 1e-9, math.inf
         if self.last.yaw is not None and sample.yaw is not None:
             by_poses = float(wrap_angle(sample.yaw - self.last.yaw))
