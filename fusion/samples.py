@@ -22,6 +22,9 @@ class GyroSample:
         Tilt of the robot: the vertical in its own frame (x forward, y left, z up), a unit vector; None where unknown.
     cross_rate : float or None
         rad/s about the robot's y axis; at rest it is the gyro's bias. None where unknown.
+    factor_sigma : float
+        Standard deviation of the factor by which this rate and all others may be wrong alike, beside the gyro's own
+        scale: not 0 where nobody knows how the gyro lies.
     """
 
     t_ns: int
@@ -29,6 +32,7 @@ class GyroSample:
     variance: float | None = None
     up: tuple[float, float, float] | None = None
     cross_rate: float | None = None
+    factor_sigma: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)

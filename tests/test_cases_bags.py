@@ -101,6 +101,12 @@ def pitched(m: Imu) -> Imu:
     return replace(m, rate=rate, force=force, orientation=(0, 0, 0, 1), orientation_known=True)
 
 
+def pitched_without_gravity(m: Imu) -> Imu:
+    """Nothing says how it lies, and its z axis sees less than the turn."""
+    m = pitched(m)
+    return replace(m, force=(0.01, -0.02, 0.01), orientation_known=False)
+
+
 def first_black(m: Picture) -> Picture:
     return replace(m, pixels=np.zeros_like(m.pixels)) if m.t < 1.0 else m
 
@@ -140,6 +146,12 @@ SITUATIONS = {
     "nothing wrong": Situation(sigma=0.5),
     "gravity removed from the accelerometer": Situation(of(Imu, without_gravity), NO_IMAGE, sigma=8.0),
     "gravity removed, with camera": Situation(of(Imu, without_gravity), NO_ODOMETRY, sigma=1.0),
+    "gravity removed, IMU pitched": Situation(
+        of(Imu, pitched_without_gravity), NO_IMAGE, sigma=10.0, codes=("vertical_unknown",)
+    ),
+    "gravity removed, IMU pitched, with camera": Situation(
+        of(Imu, pitched_without_gravity), NO_ODOMETRY, sigma=0.5, codes=("vertical_unknown",)
+    ),
     "accelerometer of the wrong sign": Situation(
         of(Imu, lambda m: replace(m, force=tuple(-x for x in m.force))), NO_ODOMETRY, codes=("sensors_disagree_sign",)
     ),

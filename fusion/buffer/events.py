@@ -131,13 +131,14 @@ def fault_of(sample: Sample) -> str | None:
         return "negative stamp"
     motion: tuple[float, ...] = ()
     if isinstance(sample, YawIncrement):
-        known = sample.yaw, sample.variance, sample.confidence, sample.factor_sigma
-        numbers: tuple[float | None, ...] = (*known, sample.turn, *sample.tilt)
+        numbers: tuple[float | None, ...] = (sample.yaw, sample.variance, sample.turn, *sample.tilt)
+        numbers += sample.confidence, sample.factor_sigma
         variance: float | None = sample.variance
         if not 0 <= sample.t_ref_ns < sample.t_ns:
             return "reference not before the image"
     elif isinstance(sample, GyroSample):
         numbers, variance = (sample.yaw_rate, sample.variance, sample.cross_rate, *(sample.up or ())), sample.variance
+        numbers += (sample.factor_sigma,)
         motion = (sample.yaw_rate,)
     else:
         numbers, variance = (sample.yaw_rate, sample.speed, sample.yaw), None

@@ -20,6 +20,7 @@ from fusion.imu.vectors import AXES, dot, nearest_axis, vector
 from fusion.imu.warnings import Complaints
 from fusion.samples import GyroSample
 
+UNKNOWN_MOUNT = 1.0 - math.cos(math.radians(20.0))  # of a rate: IMUs are mounted level, along an axis, or nearly so
 FASTEST_GYRO = 35.0  # rad/s; 2000 deg/s is the largest range of such gyros
 
 
@@ -131,7 +132,7 @@ class ImuLevel:
             self._complain(t_ns, rate, variance is not None)
         yaw_rate, axes = self._yaw_rate(rate), self._axes.known(self._forward)
         if axes is None or self.up is None:
-            return GyroSample(t_ns, yaw_rate, variance)
+            return GyroSample(t_ns, yaw_rate, variance, factor_sigma=self._factor_sigma)
         x, y, z = axes
         up = dot(self.up, x), dot(self.up, y), dot(self.up, z)
         return GyroSample(t_ns, yaw_rate, variance, up=up, cross_rate=None if variance else dot(y, rate))
@@ -174,6 +175,12 @@ class ImuLevel:
         """Whether the vertical is measured or given at present."""
         measured = {"orientation": self._orientation.up, "gravity": self._gravity.up, "none": None}
         return measured.get(self.source, self.up) is not None
+
+    @property
+    def _factor_sigma(self) -> float:
+        """Of the rate about an axis that was taken for the vertical, as nothing says where that is."""
+        unknown = self.up is None and any(one.code == "vertical_unknown" for one in self.warnings())
+        return UNKNOWN_MOUNT if unknown else 0.0
 
     def _variance(self, rate: Vector) -> float | None:
         """Of a sample whose gyro is at an end stop, (rad/s)^2: the rate may be twice as high; None of any other."""

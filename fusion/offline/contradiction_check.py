@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -56,7 +56,7 @@ def _compared(run: FusedRun) -> str | None:
     others = {}
     if run.gyro.t_ns.size:
         rate = np.where(np.isfinite(run.gyro.yaw_rate), run.gyro.yaw_rate, 0.0)
-        others[GYRO] = gyro_alone(type(run.gyro)(run.gyro.t_ns, rate, run.gyro.up, run.gyro.cross_rate, rate))
+        others[GYRO] = gyro_alone(replace(run.gyro, yaw_rate=rate))
     if run.odometry.t_ns.size:
         others[TRACKS] = tracks_alone(run.odometry)
     if not others:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from array import array
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Protocol
 
 import numpy as np
@@ -26,7 +26,7 @@ Progress = Callable[[float], None]  # takes the finished part, 0..1
 class GyroTrack:
     """All gyro samples: `t_ns` (N,) sorted, `yaw_rate` (N,) rad/s about the vertical.
 
-    Also `up` (N, 3), `cross_rate` (N,) and `variance` (N,), see `GyroSample`; NaN where unknown.
+    Also `up` (N, 3), `cross_rate` (N,), `variance` (N,) and `factor_sigma` (N,), see `GyroSample`; NaN where unknown.
     """
 
     t_ns: Times
@@ -34,6 +34,7 @@ class GyroTrack:
     up: Floats
     cross_rate: Floats
     variance: Floats
+    factor_sigma: Floats
 
     @staticmethod
     def of(samples: Iterable[GyroSample]) -> GyroTrack:
@@ -43,14 +44,15 @@ class GyroTrack:
             t_ns.append(sample.t_ns)
             cross_rate = np.nan if sample.cross_rate is None else sample.cross_rate
             variance = np.nan if sample.variance is None else sample.variance
-            values.extend((sample.yaw_rate, *(sample.up or (np.nan,) * 3), cross_rate, variance))
-        rows = np.frombuffer(values, np.float64).reshape(-1, 6)
-        return GyroTrack(np.frombuffer(t_ns, np.int64), rows[:, 0], rows[:, 1:4], rows[:, 4], rows[:, 5])
+            up = sample.up or (np.nan,) * 3
+            values.extend((sample.yaw_rate, *up, cross_rate, variance, sample.factor_sigma))
+        rows = np.frombuffer(values, np.float64).reshape(-1, 7)
+        return GyroTrack(np.frombuffer(t_ns, np.int64), rows[:, 0], rows[:, 1:4], *rows[:, 4:].T)
 
     def until(self, t_ns: int) -> GyroTrack:
         """Up to a stamp, ns."""
         n = int(np.searchsorted(self.t_ns, t_ns, side="right"))
-        return GyroTrack(self.t_ns[:n], self.yaw_rate[:n], self.up[:n], self.cross_rate[:n], self.variance[:n])
+        return GyroTrack(*(getattr(self, one.name)[:n] for one in fields(self)))
 
     def up_at(self, t_ns: int) -> Vector | None:
         """The vertical in the robot's frame at a stamp, ns, as `TiltLog` knows it then."""
@@ -62,14 +64,15 @@ class GyroTrack:
 
     def samples(self) -> Iterator[GyroSample]:
         """One by one, for the filter."""
-        fields = (self.t_ns, self.yaw_rate, self.up, self.cross_rate, self.variance)
-        for t_ns, rate, up, cross_rate, variance in zip(*(column.tolist() for column in fields), strict=True):
+        columns = (getattr(self, one.name).tolist() for one in fields(self))
+        for t_ns, rate, up, cross_rate, variance, factor_sigma in zip(*columns, strict=True):
             yield GyroSample(
                 t_ns,
                 rate,
                 None if math.isnan(variance) else variance,
                 up=None if math.isnan(up[0]) else tuple(up),
                 cross_rate=None if math.isnan(cross_rate) else cross_rate,
+                factor_sigma=factor_sigma,
             )
 
 

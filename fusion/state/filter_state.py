@@ -81,6 +81,8 @@ class FilterState:
         What is not known of the number of full turns.
     scale_conflict : ScaleConflict
         By what factor gyro and compass differ.
+    gyro_factor_sigma : float
+        Of the gyro's last sample, see `GyroSample.factor_sigma`.
     aided_yaw : float
         The yaw when a compass last measured it, or when it was set, rad: since then the gyro's scale counts.
     yaw_lead : float
@@ -121,6 +123,7 @@ class FilterState:
     paused_ns: int = 0
     turn_count: TurnCount = field(default_factory=TurnCount)
     scale_conflict: ScaleConflict = field(default_factory=lambda: ScaleConflict(0.0))
+    gyro_factor_sigma: float = 0.0
     aided_yaw: float = 0.0
     yaw_lead: float = 0.0
     agreement: BiasPrior | None = None
@@ -162,6 +165,11 @@ class FilterState:
         state.ekf = self.ekf.fork(None)
         state.ekf.x, state.ekf.P = x, P
         return state
+
+    @property
+    def gyro_scale_sigma(self) -> float:
+        """Standard deviation to expect of the excess of the gyro's scale factor over one."""
+        return math.hypot(self.ekf.config.gyro_scale_sigma, self.gyro_factor_sigma)
 
     @property
     def scale_variance(self) -> float:

@@ -48,11 +48,11 @@ class CompassUpdate:
         self._fuse(before, state, event)
         scale, images = State.GYRO_SCALE, state.scale_conflict.images
         if not event.sample.long_baseline:
-            known = ekf.config.gyro_scale_sigma if state.believes(Sensor.GYRO) else math.inf
+            known = state.gyro_scale_sigma if state.believes(Sensor.GYRO) else math.inf
             images = min(event.sample.factor_sigma, known)
         conflict, yaw = state.scale_conflict, float(ekf.x[State.YAW])
         learnt = float(ekf.x[scale]), float(ekf.P[scale, scale])
-        state.scale_conflict = conflict.after(event.t_ns, yaw, *learnt, ekf.config.gyro_scale_sigma, images)
+        state.scale_conflict = conflict.after(event.t_ns, yaw, *learnt, state.gyro_scale_sigma, images)
         if state.scale_conflict.since_ns is None and conflict.since_ns is not None:
             ekf.widen_frame(conflict.left(yaw))
         if state.turns.start_ns == event.t_ns != before.turns.start_ns:

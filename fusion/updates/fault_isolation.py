@@ -78,7 +78,7 @@ class FaultIsolation:
             if state.isolation.excludes(Sensor.COMPASS):
                 state.refusal = None
                 if not before.excludes(Sensor.COMPASS):  # it was learnt from images that may have erred for long
-                    ekf.renew(State.GYRO_SCALE, self._config.gyro_scale_sigma**2)
+                    ekf.renew(State.GYRO_SCALE, state.gyro_scale_sigma**2)
         state.turns = state.turns.anew(t_ns, _start(state), increment)
         return wrong_ns
 
@@ -88,7 +88,7 @@ class FaultIsolation:
         if remedy.bias is not None:
             ekf.renew(State.BIAS, min(remedy.bias_sigma, JUMPED_BIAS) ** 2, remedy.bias)
             if math.isfinite(remedy.bias_sigma):  # else it may as well be the scale that is another
-                ekf.renew(State.GYRO_SCALE, config.gyro_scale_sigma**2)  # it was learnt with that bias
+                ekf.renew(State.GYRO_SCALE, state.gyro_scale_sigma**2)  # it was learnt with that bias
             state.agreement = None
         if remedy.rate is not None:
             ekf.renew(State.RATE, config.initial_rate_sigma**2, remedy.rate)

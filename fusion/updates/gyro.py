@@ -52,6 +52,8 @@ class GyroUpdate:
         if state.trail.points:
             seconds = min(event.t_ns - state.trail.points[-1].t_ns, RATE_SILENT_NS) * 1e-9
             state.tilted_turn = state.tilted_turn.after(sample.up, float(state.x[State.RATE]) * seconds)
+        if sample.factor_sigma != state.gyro_factor_sigma:
+            self._allow_factor(state, sample.factor_sigma)
         gain = BiasGain.tilted(sample.up) if sample.up else state.bias_gain
         if gain.differs(state.bias_gain):
             turn_bias(state.ekf, state.bias_gain, gain)
@@ -91,6 +93,18 @@ class GyroUpdate:
             state.trail = state.trail.add(sample)
             self._learn_noise(state, sample)
         self._recover(state, event, measurement, verdict, refused)
+
+    def _allow_factor(self, state: FilterState, factor_sigma: float) -> None:
+        """Take in that nobody knows any more how the gyro lies, or that somebody does now: its scale is another."""
+        ekf, before = state.ekf, state.gyro_factor_sigma
+        if factor_sigma < before:
+            ekf.widen(State.YAW, state.scale_variance)
+            state.aided_yaw = float(ekf.x[State.YAW])
+        state.gyro_factor_sigma = factor_sigma
+        if factor_sigma < before:
+            ekf.renew(State.GYRO_SCALE, state.gyro_scale_sigma**2)
+        else:
+            ekf.widen(State.GYRO_SCALE, factor_sigma**2 - before**2)
 
     def _learn_noise(self, state: FilterState, sample: GyroSample) -> None:
         """Learn the noise from a sample that does not tell it."""
