@@ -170,7 +170,10 @@ class BagRecording:
         for message in in_order(self._of_one_clock(topic), FRAMES_OUT_OF_ORDER):
             if window and message.stamp_ns > 0 and not window.first_ns <= message.stamp_ns <= window.last_ns:
                 continue
-            yield message.stamp_ns, self.bag.deserialize(message)
+            try:
+                yield message.stamp_ns, self.bag.deserialize(message)
+            except MessageError as error:
+                yield 0, error
 
     def _of_one_clock(self, topic: Topic) -> Iterator[Message]:
         """Messages of the recording's time, as long as their clock is that of the first one."""
@@ -192,6 +195,8 @@ class BagRecording:
     def _decode(self, stamped: tuple[int, Any]) -> tuple[Frame | None, str]:
         """The frame, or why there is none. Runs in a thread."""
         t_ns, message = stamped
+        if isinstance(message, MessageError):
+            return None, str(message)
         if t_ns <= 0:
             return None, "header.stamp is zero or negative"
         try:

@@ -24,6 +24,7 @@ ROS1, MCAP, SQLITE, ZSTD = ".bag", ".mcap", ".db3", ".zstd"
 _MAGIC = {b"#ROSBAG V2.0": ROS1, b"\x89MCAP0\r\n": MCAP, b"SQLite format 3\0": SQLITE, b"\x28\xb5\x2f\xfd": ZSTD}
 # first bytes of what SQLite may have beside a database, where it holds something; sqlite.org/fileformat.html
 _COMPANIONS = {"-wal": (b"\x37\x7f\x06\x82", b"\x37\x7f\x06\x83"), "-journal": (b"\xd9\xd5\x05\xf9\x20\xa1\x63\xd7",)}
+_UNSAFE = re.compile("[%?#\ud800-\udfff]")  # in a path: the library gives SQLite its name as an URI, in UTF-8
 WANTED = "give a .bag, an .mcap, a .db3 or a rosbag2 folder"
 
 
@@ -188,7 +189,7 @@ class Workshop:
             self.faults.append(
                 f"{name} was not copied with {real.name}: the recorder had messages in it, they are lost"
             )
-        if file.suffix == kind:
+        if file.suffix == kind and not (kind == SQLITE and _UNSAFE.search(str(file.absolute()))):
             return file
         link = self._place(kind)
         link.symlink_to(real)
