@@ -166,7 +166,7 @@ def _name(bag: str, level: int) -> str:
     parts = _parts(bag)
     parents, whole = divmod(level, 2)
     if parents >= len(parts):
-        return f"{stem(parts[-1])}_{hashlib.sha256(f'{level} {bag}'.encode()).hexdigest()[:8]}_yaw"
+        return f"{stem(parts[-1])}_{hashlib.sha256(os.fsencode(f'{level} {bag}')).hexdigest()[:8]}_yaw"
     last = parts[-1] if whole else stem(parts[-1])
     return "_".join([*parts[len(parts) - 1 - parents : -1], last, "yaw"])
 
