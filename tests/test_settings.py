@@ -125,7 +125,7 @@ def test_former_name_of_a_parameter_is_read_and_told_once(tmp_path, caplog):
     [
         ("/**: {ros__parameters: {gyro_topic: /a, gyro_topic: /b}}", "'gyro_topic' stands twice, in lines 1 and 1"),
         (
-            "/**:\n  ros__parameters:\n    compass: {method: rows}\n    imu: {}\n    fusion: {}\n    compass: {rows: 40}",
+            "/**:\n  ros__parameters:\n    compass: {method: rows}\n    imu: {}\n    fusion: {}\n    compass: {}",
             "'compass' stands twice, in lines 3 and 6",
         ),
         ("/**: {ros__parameters: {}}\n/**: {ros__parameters: {compass.method: rows}}", "'/**' stands twice"),

@@ -24,6 +24,7 @@ from fusion.offline.clock_steps import ClockSteps, Recorded
 from fusion.offline.columns import Columns, levelled, sorted_rows
 from fusion.offline.common_time import of_common_time
 from fusion.offline.decode import decode_ahead
+from fusion.offline.reasons import count_reason
 from fusion.offline.stamp_check import Span, wrong_stamps
 from fusion.offline.streams import Frame, GyroTrack, OdometryTrack, Progress, TruthTrack, unwrap
 from fusion.offline.topics import TopicChoice
@@ -128,7 +129,7 @@ class BagRecording:
                     yield frame
                 continue
             unusable += 1
-            self.dropped[f"image: {fault}"] += 1
+            count_reason(self.dropped, f"image: {fault}")
             if not usable and unusable == HOPELESS:
                 break
         if unusable and not usable:
