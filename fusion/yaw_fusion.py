@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from compass import YawIncrement
+from compass.parameters import config_of
 from compass.stamps import whole_ns
 from fusion.buffer.events import (
     FOREVER_NS,
@@ -23,6 +24,7 @@ from fusion.buffer.events import (
     reference_of,
     sensor_of,
 )
+from fusion.buffer.plain import plain
 from fusion.buffer.replay import Arrival, Timeline
 from fusion.checks.faulty import FaultWatch
 from fusion.checks.gaps import GapWatch
@@ -59,7 +61,7 @@ class YawFusion:
     """
 
     def __init__(self, config: FusionConfig | None = None) -> None:
-        self.config = config or FusionConfig()
+        self.config = config_of(FusionConfig, config)
         self.counts: Counter[str] = Counter()
         self.refusals: dict[Sensor, str] = {}
         self._filter = YawFilter(self.config)
@@ -95,14 +97,14 @@ class YawFusion:
         Raises
         ------
         ArgumentError
-            Its stamp is no whole number, as seconds are.
+            Its stamp is no whole number, as seconds are, or another field none at all.
         """
         sensor = sensor_of(sample)
+        sample = plain(sample)
         fault = fault_of(sample)
         self._faults.note(sensor, sample.t_ns, fault)
         if fault:
             return self._refuse(sample, fault)
-        whole_ns(sample.t_ns)
         newest_ns = self._timeline.newest_ns
         if newest_ns is not None and sample.t_ns < newest_ns - self._lag_ns:
             return self._too_old(sample, newest_ns)

@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from compass.errors import VisualCompassError
+from compass.parameters import shown
 from fusion.offline.metadata import Metadata, MetadataError, read_metadata
 
 ROS1, MCAP, SQLITE, ZSTD = ".bag", ".mcap", ".db3", ".zstd"
@@ -60,7 +61,7 @@ def find_files(path: Path) -> tuple[list[Path], Metadata | None, list[str]]:
     except FileNotFoundError:
         raise BagError(f"{path}: no such file; {WANTED}") from None
     except OSError as error:
-        raise BagError(f"{path}: cannot be read: {error.strerror}; {WANTED}") from None
+        raise BagError(f"{shown(str(path))}: cannot be read: {error.strerror}; {WANTED}") from None
     if stat.S_ISDIR(mode):
         return _files_in(path)
     if not stat.S_ISREG(mode):
