@@ -42,6 +42,14 @@ def read_bounded(path: Path, most_bytes: int, remedy: str) -> bytes:
     return data
 
 
+def is_folder(path: Path) -> bool:
+    """Whether it is a folder; a name that no file can have, as it is too long or holds a NUL, is none's."""
+    try:
+        return path.is_dir()
+    except (OSError, ValueError):
+        return False
+
+
 def _kind(mode: int) -> str:
     kinds = ((stat.S_ISDIR, "a folder"), (stat.S_ISFIFO, "a pipe"), (stat.S_ISSOCK, "a socket"))
     return next((name for test, name in kinds if test(mode)), "a device")

@@ -10,11 +10,13 @@ import dataclasses
 import difflib
 import logging
 import math
+import numbers
+import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
-from compass.errors import ConfigError
+from compass.errors import ArgumentError, ConfigError
 
 log = logging.getLogger(__name__)
 
@@ -58,7 +60,11 @@ class ParameterSpec:
     def check(self, value: Any) -> Value:
         """Return `value` in the parameter's type, or raise `ConfigError`."""
         kind = type(self.default)
-        if kind is float and type(value) is int:
+        if kind is int and isinstance(value, numbers.Integral) and not isinstance(value, bool):
+            value = int(value)  # of numpy
+        elif kind is str and isinstance(value, os.PathLike):
+            value = os.fspath(value)
+        elif kind is float and isinstance(value, numbers.Real) and not isinstance(value, bool):
             try:
                 value = float(value)
             except OverflowError:
@@ -83,6 +89,16 @@ def shown(value: object, longest: int = 60) -> str:
     except (ValueError, RecursionError):  # an integer of thousands of digits; a list within itself
         text = f"a very large {type(value).__name__}"
     return text if len(text) <= longest else f"{text[: longest - 4]} ..."
+
+
+def config_of(kind: type[Config], given: object) -> Config:
+    """A config as an argument: the defaults for None; `ArgumentError` for anything but a config of this kind."""
+    if given is None:
+        return kind()
+    if not isinstance(given, kind):
+        name = kind.__name__
+        raise ArgumentError(f"config is {shown(given)}; give a {name}, such as {name}({next(kind.specs()).name}=...)")
+    return given
 
 
 def parameter(

@@ -8,7 +8,7 @@ from typing import SupportsIndex
 from compass.errors import ArgumentError
 
 
-def whole_ns(t_ns: SupportsIndex) -> int:
+def whole_ns(t_ns: SupportsIndex, name: str = "t_ns") -> int:
     """The stamp as an int; `ArgumentError` for a float or anything else that is no whole number.
 
     A float is refused even where it has no fraction: seconds since 1970 in a float are as whole now and then, and at
@@ -19,5 +19,5 @@ def whole_ns(t_ns: SupportsIndex) -> int:
     except TypeError:
         kind = type(t_ns).__name__
         raise ArgumentError(
-            f"t_ns is {t_ns!r}, a {kind}; give whole nanoseconds as an int: round(1e9 * seconds)"
+            f"{name} is {t_ns!r}, a {kind}; give whole nanoseconds as an int: round(1e9 * seconds)"
         ) from None

@@ -23,6 +23,7 @@ from compass.images.strip import Strip, prepare_strip
 from compass.increment import CompassStatus, YawIncrement
 from compass.methods.match import Match, Search
 from compass.methods.registry import find_method
+from compass.parameters import config_of
 from compass.stamp_order import StampOrder
 from compass.stamps import whole_ns
 from compass.tilt import Tilted, Vector, beyond_error
@@ -78,7 +79,7 @@ class VisualCompass:
     """
 
     def __init__(self, config: CompassConfig | None = None, up_at: UpAt | None = None) -> None:
-        self.config = config or CompassConfig()
+        self.config = config_of(CompassConfig, config)
         self._up_at = up_at or (lambda t_ns: None)
         self._mask = load_mask(self.config)
         self.counts: Counter[CompassStatus] = Counter()
@@ -150,6 +151,8 @@ class VisualCompass:
         if self._backward(t_ns):
             self.status = CompassStatus.BACKWARD_STAMP
             return None
+        if isinstance(image, np.ndarray):
+            image = image.view(np.ndarray)  # a matrix has no rows of one dimension, a masked array no minimum
         strip = prepare_strip(t_ns, image, self.config, encoding, self._mask, self._up_at(t_ns))
         self.status = self._judge_strip(strip)
         if strip.texture >= MIN_TEXTURE and self.config.is_full_panorama:

@@ -42,11 +42,12 @@ def parse_yaml(text: str, longest_value: int = LONGEST_VALUE, *, as_text: bool =
     YamlError
         It is not YAML, nested deeper than `DEEPEST`, has a longer value or more of them than `MOST_VALUES`, or refers
         to itself by an alias: a few lines of aliases stand for billions of values. (ROS parameter files know none.)
+        Or, but for `as_text`, a key stands twice in one mapping: the first value would be lost without a word.
     """
     # libyaml is twenty times as fast, where PyYAML was built with it
     plain = getattr(yaml, "CBaseLoader", yaml.BaseLoader) if as_text else _Loader
     try:
-        _check(text, longest_value, plain)
+        _check(text, longest_value, plain, unique=not as_text)
         return yaml.load(text, plain)
     except yaml.MarkedYAMLError as error:
         place = f" in line {error.problem_mark.line + 1}" if error.problem_mark else ""
@@ -64,9 +65,27 @@ def _one_line(error: object) -> str:
     return " ".join(str(error)[:200].split())
 
 
-def _check(text: str, longest_value: int, loader: Any) -> None:
-    """Go once through the events, which takes neither memory nor recursion."""
+class _Keys:
+    """The keys of a mapping, event by event: of its children every other one is a key."""
+
+    def __init__(self) -> None:
+        self._lines: dict[str, int] = {}
+        self._is_key = True
+
+    def child(self, event: Any, line: int) -> None:
+        """Take the next child; `YamlError` for a key that was there."""
+        if self._is_key and isinstance(event, yaml.ScalarEvent):
+            if event.value in self._lines:
+                lines = f"lines {self._lines[event.value]} and {line}"
+                raise YamlError(f"{event.value[:60]!r} stands twice, in {lines}; keep one")
+            self._lines[event.value] = line
+        self._is_key = not self._is_key
+
+
+def _check(text: str, longest_value: int, loader: Any, *, unique: bool) -> None:
+    """Go once through the events, which takes little memory and no recursion."""
     depth = values = 0
+    parents: list[_Keys | None] = [None]  # None: of a list
     for event in yaml.parse(text, loader):
         line = event.start_mark.line + 1 if event.start_mark else 0
         values += isinstance(event, yaml.NodeEvent)
@@ -74,11 +93,16 @@ def _check(text: str, longest_value: int, loader: Any) -> None:
             raise YamlError(f"more than {MOST_VALUES} values in {line} lines")
         if isinstance(event, yaml.AliasEvent):
             raise YamlError(f"alias *{event.anchor} in line {line}; write the value out, aliases are not read")
+        parent = parents[-1]
+        if parent is not None and isinstance(event, yaml.NodeEvent):
+            parent.child(event, line)
         if isinstance(event, yaml.CollectionStartEvent):
+            parents.append(_Keys() if unique and isinstance(event, yaml.MappingStartEvent) else None)
             depth += 1
             if depth > DEEPEST:
                 raise YamlError(f"nested deeper than {DEEPEST} levels in line {line}")
         elif isinstance(event, yaml.CollectionEndEvent):
+            parents.pop()
             depth -= 1
         elif isinstance(event, yaml.ScalarEvent) and len(event.value) > longest_value:
             raise YamlError(f"value of {len(event.value)} characters in line {line}, more than {longest_value}")

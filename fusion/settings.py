@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 import textwrap
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -20,8 +20,9 @@ from fusion.config import FusionConfig
 from fusion.imu.levelling import ImuConfig
 
 NODE = "visual_compass"
-_NODES = ("/**", NODE, "compass_node", "fusion_node")  # later ones override earlier ones
+_NODES = ("/**", "*", NODE, "compass_node", "fusion_node")  # later ones override earlier ones
 _LARGEST = 1_000_000  # bytes of a parameter file; those of whole robots have 50 kB
+_PARAMETERS = "ros__parameters"
 _ROS_OWN = ("use_sim_time", "qos_overrides", "start_type_description_service")
 
 
@@ -79,7 +80,7 @@ class TopicSettings(ParameterSet):
 
 def absent(topic: str) -> bool:
     """Whether the name given for a sensor's topic says that the robot has no such sensor."""
-    return topic in ("", NONE)
+    return topic.strip().lower() in ("", NONE)
 
 
 def in_bag(topic: str) -> str:
@@ -205,17 +206,53 @@ def read_parameter_file(path: Path) -> dict[str, Any]:
         raise ConfigError(f"{path}: not YAML: {error}") from None
     if not isinstance(content, Mapping):
         raise ConfigError(f"{path}: no ROS parameter file; begin with '/**:' and 'ros__parameters:' below it")
-    sections = {str(node).rsplit("/", 1)[-1] if node != "/**" else "/**": body for node, body in content.items()}
+    sections = _sections(content, path)
     chosen = [sections[node] for node in _NODES if node in sections]
     if not chosen:
         names = ", ".join([repr(name) for name in sections][:5]) + ", ..." * (len(sections) > 5)
         raise ConfigError(f"{path}: parameters of {names} only; put ours under '/**:'")
     values: dict[str, Any] = {}
     for body in chosen:
-        if not isinstance(body, Mapping) or not isinstance(body.get("ros__parameters"), Mapping):
-            raise ConfigError(f"{path}: 'ros__parameters:' is missing below the node's name")
-        _merge(values, _undotted(body["ros__parameters"]))
+        if not isinstance(body, Mapping) or not isinstance(body.get(_PARAMETERS), Mapping):
+            raise ConfigError(f"{path}: '{_PARAMETERS}:' is missing below the node's name")
+        _merge(values, _undotted(body[_PARAMETERS]))
     return values
+
+
+def _sections(content: Mapping[Any, Any], path: Path) -> dict[str, Any]:
+    """What stands below each node's name, without its namespace.
+
+    Raises
+    ------
+    ConfigError
+        A node stands there in several namespaces, or parameters stand beside the nodes.
+    """
+    names: dict[str, str] = {}
+    sections: dict[str, Any] = {}
+    for name, body in _nodes(content):
+        node = name if name == "/**" else name.rsplit("/", 1)[-1]
+        ours = [*Settings.__dataclass_fields__, *(spec.name for spec in TopicSettings.specs())]
+        if node in ours and not (isinstance(body, Mapping) and _PARAMETERS in body):
+            raise ConfigError(f"{path}: {node!r} stands beside the nodes; put it below '/**:' and '{_PARAMETERS}:'")
+        if node in names and node in _NODES:
+            raise ConfigError(f"{path}: parameters of both {names[node]} and {name}; leave those of one robot in it")
+        names[node], sections[node] = name, body
+    return sections
+
+
+def _nodes(content: Mapping[Any, Any], namespace: str = "") -> Iterator[tuple[str, Any]]:
+    """Nodes by their whole names; a namespace may stand above them as a key of its own."""
+    for key, body in content.items():
+        name = f"{namespace}/{key}" if namespace else str(key)
+        if isinstance(body, Mapping) and _PARAMETERS not in body and _holds_nodes(body):
+            yield from _nodes(body, name)
+        else:
+            yield name, body
+
+
+def _holds_nodes(body: Any) -> bool:
+    """Whether there are nodes below a key."""
+    return isinstance(body, Mapping) and (_PARAMETERS in body or any(map(_holds_nodes, body.values())))
 
 
 def _anchor_mask(values: dict[str, Any], folder: Path) -> None:

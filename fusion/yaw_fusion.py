@@ -11,6 +11,7 @@ from dataclasses import replace
 from typing import Any
 
 from compass import YawIncrement
+from compass.parameters import config_of
 from compass.stamps import whole_ns
 from fusion.buffer.events import (
     FOREVER_NS,
@@ -62,7 +63,7 @@ class YawFusion:
     """
 
     def __init__(self, config: FusionConfig | None = None) -> None:
-        self.config = config or FusionConfig()
+        self.config = config_of(FusionConfig, config)
         self.counts: Counter[str] = Counter()
         self.refusals: dict[Sensor, str] = {}
         self._filter = YawFilter(self.config)
@@ -107,7 +108,6 @@ class YawFusion:
         self._faults.note(sensor, sample.t_ns, fault)
         if fault:
             return self._refuse(sample, fault)
-        whole_ns(sample.t_ns)
         newest_ns = self._timeline.newest_ns
         if newest_ns is not None and sample.t_ns < newest_ns - self._lag_ns:
             return self._too_old(sample, newest_ns)

@@ -390,3 +390,18 @@ def test_relative_name_is_found_in_the_namespace_of_the_one_robot(tmp_path):
     assert choose(gyros("one", *one)).gyro.name == "/robot1/imu/data"
     with pytest.raises(BagError, match=r"several topics of type sensor_msgs/Imu: /robot1/imu/data, /robot2/imu/data;"):
         choose(gyros("two", *one, "/robot2/imu/data"))
+
+
+def test_reasons_that_differ_by_numbers_alone_are_one(tmp_path):
+    with TinyBag(tmp_path / "b") as bag:
+        bag.compressed("/pano/compressed", START_NS, np.zeros((8, 16), np.uint8))
+        for i in range(1, 50):
+            bag.bytes("/pano/compressed", START_NS + i, b"\xff\xd8" + bytes(i))
+            bag.image("/pano", START_NS + i, np.zeros((8, 16 + i), np.uint8), "rgb8")
+    for topic in ("/pano/compressed", "/pano"):
+        with Bag(tmp_path / "b") as bag:
+            choice = choose_topics(bag, TopicSettings(), TopicRequest(image=topic))
+            recording = read_recording(bag, choice, ImuConfig(), 1024)
+            with suppress(BagError):
+                list(recording.frames())
+            assert list(recording.dropped.values()) == [49]

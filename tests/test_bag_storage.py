@@ -14,9 +14,11 @@ import numpy as np
 import pytest
 from tiny_bags import START_NS, TinyBag, TinyDrive, fill
 
-from fusion.offline import storage
+from fusion.offline import fuse, storage
 from fusion.offline.bag import Bag, BagError
 from fusion.offline.bag_messages import IMU
+from fusion.offline.inspect import inspect_bag
+from fusion.settings import Settings
 
 MESSAGES = 40
 FOREIGN = "only those of ROS 2"
@@ -428,3 +430,74 @@ def test_bag_folder_whose_bytes_are_whole_gives_the_same_as_its_file(tmp_path):
             assert [t.name for t in opened.topics if t.msgtype == IMU] == ["/imu/data"]
     assert counts[0] == counts[1]
     assert np.all([count for *_, count in counts[0]])
+
+
+# ---------------------------------------------------------------- single messages, and what is in between
+
+
+@pytest.mark.parametrize(
+    "content", [b"", b"\0\1\0\0", bytes(11), b"\0\1\0\0" + bytes(60), b"\x28\xb5\x2f\xfd no frame"]
+)
+@pytest.mark.parametrize("storage", ["ros1", "sqlite3", "mcap"])
+def test_single_messages_that_are_damaged_are_counted_and_the_others_read(tmp_path, storage, content):
+    path = tmp_path / ("b.bag" if storage == "ros1" else "b")
+    with TinyBag(path, storage=storage) as bag:
+        fill(bag, TinyDrive(seconds=0.5, width=64))
+        for connection in bag.connections.values():
+            bag.writer.write(connection, bag.recorded_ns, content)
+    run = fuse(path)
+    reasons = {one["reason"]: one["count"] for one in run.summary["unusable_messages"]}
+    assert reasons == {
+        "/imu/data: damaged: no sensor_msgs/Imu by its bytes": 1,
+        "/odom: damaged: no nav_msgs/Odometry by its bytes": 1,
+        "/ground_truth/odom: damaged: no nav_msgs/Odometry by its bytes": 1,
+        "image: damaged: no sensor_msgs/CompressedImage by its bytes": 1,
+    }
+    assert "samples_lost" in [warning.code for warning in run.warnings]
+    assert run.summary["images"]["ok"] == 5
+    told = [line for line in inspect_bag(path, Settings()).splitlines() if line.startswith("problem: ")]
+    assert "problem: /imu/data: 1 messages are damaged: their bytes are none of their type" in told
+
+
+def test_topic_of_damaged_messages_alone_is_refused_with_what_to_do(tmp_path):
+    with TinyBag(tmp_path / "b") as bag:
+        bag.imu("/imu", START_NS, 0.1)
+        kind = bag.writer.add_connection("/odom", "nav_msgs/msg/Odometry", typestore=bag.store)
+        bag.writer.write(kind, bag.recorded_ns, b"\0\1\0\0nothing")
+    with pytest.raises(
+        BagError, match=r"/odom: none of its 1 messages is usable: damaged: .*; choose another topic, or"
+    ):
+        fuse(tmp_path / "b")
+    assert fuse(tmp_path / "b", odometry_topic="none").summary["topics"]["gyro"] == "/imu"
+
+
+@pytest.mark.parametrize("share", [0.2, 0.35, 0.5])
+def test_mcap_that_breaks_off_in_its_middle_is_refused_as_a_truncated_one(tmp_path, share):
+    """What follows is lost though the index at the end is whole: a yaw that ends there is not that of the drive."""
+    data = bytearray((write(tmp_path / "b") / "b.mcap").read_bytes())
+    at = int(share * len(data))  # of which the last third are definitions and index
+    data[at : at + 4096] = bytes(4096)
+    (tmp_path / "x.mcap").write_bytes(data)
+    with pytest.raises(BagError, match=r"x\.mcap: bag is (truncated or )?damaged .*mcap recover x\.mcap"):
+        numbers(tmp_path / "x.mcap")
+
+
+@pytest.mark.parametrize("name", ["50%", "a%20b", "drive #2", "what?", "a?mode=rw&x", "\udcff"])
+@pytest.mark.parametrize("as_folder", [False, True])
+def test_sqlite_is_read_whatever_its_name_and_folder(tmp_path, name, as_folder):
+    write(tmp_path / "b", "sqlite3")
+    path = tmp_path / name if as_folder else tmp_path / f"{name}.db3"
+    (tmp_path / "b" if as_folder else tmp_path / "b" / "b.db3").rename(path)
+    assert numbers(path) == list(range(MESSAGES))
+
+
+def test_what_the_library_says_is_cut_to_a_line(tmp_path):
+    """It quotes all definitions of a bag where one of them cannot be parsed."""
+    data = bytearray((write(tmp_path / "b") / "b.mcap").read_bytes())
+    at = data.rindex(b"std_msgs/Header header")
+    data[at : at + 8] = b"=" * 8
+    (tmp_path / "x.mcap").write_bytes(data)
+    with pytest.raises(BagError) as caught:
+        numbers(tmp_path / "x.mcap")
+    assert len(str(caught.value)) < len(str(tmp_path)) + 300
+    assert str(caught.value).endswith("may save it")

@@ -313,3 +313,29 @@ def test_help_needs_no_numerics():
         "sys.exit(bool({'numpy', 'scipy', 'cv2', 'matplotlib', 'rosbags', 'rich', 'yaml'} & set(sys.modules)))"
     )
     assert subprocess.run([sys.executable, "-c", code], stdout=subprocess.DEVNULL, check=False).returncode == 0
+
+
+@pytest.mark.parametrize(
+    ("redirected", "code", "says"),
+    [
+        (">/dev/full", 1, "visual-compass: standard output cannot be written: No space left on device; make room"),
+        ("2>&-", 0, ""),
+        (">&- 2>&-", 0, ""),
+        (">/dev/null <&-", 0, ""),
+    ],
+)
+def test_output_that_cannot_be_written_or_is_closed_is_no_traceback(tiny_bag, tmp_path, redirected, code, says):
+    if "full" in redirected and not Path("/dev/full").exists():
+        pytest.skip("no /dev/full")
+    command = f'"{sys.executable}" -m fusion.offline.cli fuse "{tiny_bag}" --out "{tmp_path}/out" {redirected}'
+    ran = subprocess.run(["sh", "-c", command], capture_output=True, text=True, timeout=120, check=False)
+    assert (ran.returncode, ran.stderr.startswith(says), ran.stderr.count("\n")) == (code, True, bool(says))
+    assert (tmp_path / "out" / "yaw.csv").stat().st_size > 0
+
+
+def test_names_that_the_terminal_cannot_show_are_printed_as_escapes(tmp_path):
+    command = [sys.executable, "-m", "fusion.offline.cli", "inspect", str(tmp_path / "ü\udcff.mcap")]
+    environment = os.environ | {"PYTHONIOENCODING": "utf-8:strict"}
+    ran = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False, env=environment)
+    assert (ran.returncode, ran.stderr.count("\n")) == (1, 1)
+    assert r"ü\udcff.mcap: no such file" in ran.stderr

@@ -4,15 +4,16 @@ import csv
 import math
 import subprocess
 import sys
+from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
 import pytest
 from tiny_bags import START_NS, TinyDrive
 
-from compass import VisualCompass, VisualCompassError
+from compass import CompassConfig, ConfigError, VisualCompass, VisualCompassError, YawIncrement
 from compass.errors import ArgumentError
-from fusion import GyroSample, OdometrySample, YawFusion
+from fusion import FusionConfig, GyroSample, OdometrySample, YawFusion
 from fusion.offline import Run, fuse
 from fusion.offline.cli import main
 from fusion.offline.fuse_bag import fuse_bag
@@ -114,3 +115,64 @@ def test_library_function_is_no_module_whatever_was_imported_first(first):
     code = f"import {first}; from fusion.offline import fuse; assert callable(fuse), fuse"
     root = Path(__file__).parents[1]
     subprocess.run([sys.executable, "-c", code], check=True, cwd=root)
+
+
+T_NS = 1_700_000_000_000_000_000
+
+
+@pytest.mark.parametrize("name", ["a\0b", "x" * 5000, "x" * 5000 + ".mp4", "~/nowhere.bag", "", "s3://bucket/x.bag"])
+def test_names_of_no_file_are_refused_in_words(name):
+    with pytest.raises(VisualCompassError) as caught:
+        fuse(name)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("whole", [np.int64, np.uint64, lambda t: np.array(t), lambda t: np.array([t], np.uint64)[0]])
+@pytest.mark.parametrize("number", [np.float16, np.float32, np.float64, np.array, Fraction])
+def test_samples_of_numpy_numbers_are_those_of_python(whole, number):
+    """An unsigned stamp less another one overflows; half precision does so within the filter."""
+    theirs, ours = YawFusion(), YawFusion()
+    for i in range(40):
+        t_ns, rate = T_NS + i * 10**7, 0.25 * (i % 3)
+        for fusion, stamp, value in ((theirs, whole, number), (ours, int, float)):
+            fusion.add(GyroSample(stamp(t_ns), value(rate), value(2.0**-16)))
+            fusion.add(OdometrySample(stamp(t_ns), value(rate), value(0.5), value(0.125)))
+            if i:
+                fusion.add(YawIncrement(stamp(t_ns - 10**7), stamp(t_ns), value(0.0), value(2.0**-14), value(0.5)))
+    assert theirs.estimate() == ours.estimate()
+    assert theirs.counts == ours.counts
+
+
+@pytest.mark.parametrize("value", ["0.1", b"1", None, [0.1], np.array([0.1]), 1j, 10**400])
+@pytest.mark.parametrize(
+    "sample",
+    [
+        lambda value: GyroSample(T_NS, value),
+        lambda value: OdometrySample(T_NS, 0.0, value),
+        lambda value: YawIncrement(T_NS, T_NS + 1, 0.1, value, 0.9),
+        lambda value: GyroSample(value, 0.1),
+        lambda value: YawIncrement(value, T_NS, 0.1, 0.1, 0.9),
+    ],
+)
+def test_fields_that_are_no_numbers_are_named(sample, value):
+    if isinstance(value, int) and value in (getattr(sample(value), name, 0) for name in ("t_ns", "t_ref_ns")):
+        pytest.skip("any int is a stamp")
+    with pytest.raises(ArgumentError, match=r"^(yaw_rate|speed|variance|t_ns|t_ref_ns) is "):
+        YawFusion().add(sample(value))
+
+
+@pytest.mark.parametrize("given", [{}, {"method": "rows"}, "rows", 0, CompassConfig, FusionConfig])
+def test_configs_of_another_kind_are_refused(given):
+    """Of those that are false, such as an empty dict, the defaults would be taken."""
+    for take, name in ((YawFusion, "FusionConfig"), (VisualCompass, "CompassConfig")):
+        with pytest.raises(ArgumentError, match=rf"config is .*; give a {name}, such as {name}\("):
+            take(given)
+
+
+def test_configs_take_numbers_of_numpy_and_paths():
+    config = CompassConfig(columns=np.int64(512), roi_top=np.float32(0.25), mask=Path("robot.png"))
+    assert config == CompassConfig(columns=512, roi_top=0.25, mask="robot.png")
+    assert [type(value) for value in (config.columns, config.roi_top, config.mask)] == [int, float, str]
+    for value in (True, np.bool_(True), 512.5, "512"):
+        with pytest.raises(ConfigError, match="is not of type int"):
+            CompassConfig(columns=value)

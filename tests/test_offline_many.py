@@ -19,6 +19,7 @@ from fusion.offline.bag_task import FAILED, FUSED, SKIPPED, BagOutcome, BagTask,
 from fusion.offline.batch_table import COLUMNS, check_tables, row_of, write_tables
 from fusion.offline.cli import main
 from fusion.offline.find_bags import find_bags
+from fusion.offline.report.table import report_of_folder
 from fusion.offline.topics import TopicRequest
 from fusion.settings import Settings
 
@@ -256,3 +257,21 @@ def test_verbose_is_taken_anywhere(bags, tmp_path, words, caplog):
     assert main([*words, str(bags / "mon" / "drive.mcap"), "--out", str(tmp_path / "out")]) == 0
     assert "gyro: /imu/data (sensor_msgs/Imu, 100)" in caplog.text
     assert logging.getLogger().level == level
+
+
+@pytest.mark.parametrize("name", ["\udcff\udcfe", "new\nline", "50% #2?"])
+def test_names_of_any_bytes_are_fused_reported_and_gathered(bags, tmp_path, name, in_this_process, capsys):
+    """Names of files are bytes; only text is UTF-8."""
+    in_this_process()
+    where = tmp_path / name
+    where.mkdir()
+    for day in ("mon", "tue"):  # two alike, so that folders are named after parents, too
+        (where / day).mkdir()
+        shutil.copy(next(bags.rglob("*.mcap")), where / day / f"{name}.mcap")
+    (where / "bad.mcap").write_text("no bag")
+    out = tmp_path / "out"
+    for _ in range(2):
+        assert main(["fuse", str(where), "--out", str(out), "--jobs", "1"]) == 1
+    assert capsys.readouterr().err.count("Traceback") == 0
+    assert [row["status"] for row in rows(out).values()].count(SKIPPED) == 2
+    assert report_of_folder(out)[1] == 2

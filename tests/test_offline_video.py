@@ -248,3 +248,15 @@ def test_gyro_inside_the_video_is_levelled_like_any(video, tmp_path, monkeypatch
     summary = fuse(video, tmp_path / "out", "--gyro", "embedded")
     assert summary["yaw"]["gyro_alone"]["turned_deg"] == pytest.approx(TURNED, abs=0.05)
     assert summary["gyro_vertical"] == "gravity"
+
+
+def test_turn_before_the_first_increment_counts(tmp_path):
+    """From the first image on, where the yaw is zero: of a camera alone nothing is known before the second."""
+    times = [t for t in DRIVE.times(RATE) if t > 1.55]
+    for t in times:
+        cv2.imwrite(str(tmp_path / f"{t:.1f}.png"), DRIVE.panorama(t))
+    (tmp_path / "times.csv").write_text("\n".join(["file,t", *(f"{t:.1f}.png,{t}" for t in times)]))
+    turned = math.degrees(float(DRIVE.yaw(times[-1]) - DRIVE.yaw(times[0])))
+    yaws = fuse(tmp_path, tmp_path / "out")["yaw"]
+    for source in ("raw_compass", "fused"):
+        assert yaws[source]["turned_deg"] == pytest.approx(turned, abs=0.1)

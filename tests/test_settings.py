@@ -1,11 +1,12 @@
 """Settings: defaults < YAML < overrides, and mistakes named."""
 
+import re
 from pathlib import Path
 
 import pytest
 
 from compass import ConfigError
-from fusion.settings import Settings, dump_settings, load_settings
+from fusion.settings import Settings, absent, dump_settings, load_settings
 
 SHIPPED = Path(__file__).parent.parent / "config" / "visual_compass.yaml"
 
@@ -117,3 +118,52 @@ def test_former_name_of_a_parameter_is_read_and_told_once(tmp_path, caplog):
     assert len(told) == 2
     assert told[0].startswith("compass.look_back is now called compass.long_baseline_interval")
     assert "look_back" not in compass.to_dict()
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("/**: {ros__parameters: {gyro_topic: /a, gyro_topic: /b}}", "'gyro_topic' stands twice, in lines 1 and 1"),
+        (
+            "/**:\n  ros__parameters:\n    compass: {method: rows}\n    imu: {}\n    fusion: {}\n    compass: {}",
+            "'compass' stands twice, in lines 3 and 6",
+        ),
+        ("/**: {ros__parameters: {}}\n/**: {ros__parameters: {compass.method: rows}}", "'/**' stands twice"),
+        ("/**: {ros__parameters: {}}\ncompass: {method: rows}", "'compass' stands beside the nodes"),
+        ("/**: {ros__parameters: {}}\ngyro_topic: /a", "'gyro_topic' stands beside the nodes"),
+        (
+            "/r1/fusion_node: {ros__parameters: {}}\n/r2/fusion_node: {ros__parameters: {}}",
+            "parameters of both /r1/fusion_node and /r2/fusion_node",
+        ),
+        (
+            "r1: {fusion_node: {ros__parameters: {}}}\nr2: {fusion_node: {ros__parameters: {}}}",
+            "parameters of both r1/",
+        ),
+    ],
+)
+def test_settings_that_would_be_lost_without_a_word_are_refused(tmp_path, text, says):
+    with pytest.raises(ConfigError, match=re.escape(says)):
+        load_settings(write(tmp_path, text))
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "/*: {ros__parameters: {compass: {rows: 40}}}",
+        "/robot/*: {ros__parameters: {compass.rows: 40}}",
+        "/**/fusion_node: {ros__parameters: {compass.rows: 40}}",
+        "robot: {fusion_node: {ros__parameters: {compass.rows: 40}}, imu: {ros__parameters: {rate: 5}}}",
+        "/robot: {arm: {fusion_node: {ros__parameters: {compass.rows: 40}}}}\ncompass: {ros__parameters: {x: 1}}",
+        "/a/cam: {ros__parameters: {}}\n/b/cam: {ros__parameters: {}}\n/**: {ros__parameters: {compass.rows: 40}}",
+    ],
+)
+def test_settings_below_wildcards_and_namespaces_are_read(tmp_path, text):
+    assert load_settings(write(tmp_path, text)).compass.rows == 40
+
+
+@pytest.mark.parametrize("name", ["none", "None", "NONE", " none ", ""])
+def test_sensor_is_absent_however_none_is_written(tmp_path, name):
+    """Else the only topic of that type would be taken for it."""
+    assert absent(
+        load_settings(write(tmp_path, f"/**: {{ros__parameters: {{gyro_topic: {name!r}}}}}")).topics.gyro_topic
+    )

@@ -39,7 +39,7 @@ def aliases(levels: int = 30) -> str:
         (b"/**: \xe9", "byte 5 is not UTF-8"),
         ("/**: 1".encode("utf-16"), "not UTF-8"),
         ("a: " + ":".join(["1"] * 100_000), f"more than {LONGEST_VALUE}"),
-        ("a: 1\n" * (MOST_VALUES + 1), f"more than {MOST_VALUES} values"),
+        ("- 1\n" * (MOST_VALUES + 1), f"more than {MOST_VALUES} values"),
         ("a: 1\n" * 300_000, "more than the 1000000 allowed"),
         ("/**: 2001-99-99", "not of its type"),
         ("/**: !!int ''", "not of its type"),

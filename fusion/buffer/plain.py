@@ -1,56 +1,65 @@
-"""Samples in Python's own numbers.
+"""Samples as they are given, made of Python's own numbers.
 
-numpy's look the same and are not: what compares them is no `True`, their division by zero no error, and a stamp of 64
-bits overflows. A sample is converted once, where it comes in.
+What comes from an array may overflow or round later, and what compares numpy's numbers is no `True`.
 """
 
 from __future__ import annotations
 
-import operator
-from dataclasses import fields, replace
-from operator import attrgetter
-from typing import Any
+from dataclasses import replace
+from typing import Any, SupportsFloat, cast
 
-from compass import YawIncrement
 from compass.errors import ArgumentError
-from fusion.buffer.events import Sample, Sensor, sensor_of
+from compass.increment import YawIncrement
+from compass.parameters import shown
+from compass.stamps import whole_ns
+from fusion.buffer.events import Sample
 from fusion.samples import GyroSample, OdometrySample
 
-KINDS = {Sensor.GYRO: GyroSample, Sensor.TRACKS: OdometrySample, Sensor.COMPASS: YawIncrement}
-STAMPS = ("t_ns", "t_ref_ns")
-VECTORS = {Sensor.GYRO: "up", Sensor.COMPASS: "tilt"}
-NAMES = {sensor: tuple(one.name for one in fields(kind)) for sensor, kind in KINDS.items()}
-VALUES = {sensor: attrgetter(*names) for sensor, names in NAMES.items()}
-PLAIN = frozenset((int, float, bool, tuple, type(None)))  # a vector's numbers are looked at apart
+_STAMPS = ("t_ns", "t_ref_ns")
+_FLOAT = frozenset((float,))
+_VECTORS: dict[type[Any], str] = {GyroSample: "up", YawIncrement: "tilt"}
+# fields of each kind, and of these the ones that may be None
+_FIELDS: dict[type[Any], tuple[tuple[str, ...], tuple[str, ...]]] = {
+    GyroSample: (("t_ns", "yaw_rate", "factor_sigma"), ("variance", "cross_rate")),
+    OdometrySample: (("t_ns", "yaw_rate", "speed"), ("yaw",)),
+    YawIncrement: (("t_ref_ns", "t_ns", "yaw", "variance", "confidence", "factor_sigma"), ("turn",)),
+}
 
 
 def plain(sample: Sample) -> Sample:
-    """The sample itself, or one in Python's numbers where it has others; a stamp that is a float stays one.
+    """The sample itself where its fields are ints and floats, else one whose are.
 
     Raises
     ------
     ArgumentError
-        A value is no number.
+        A stamp is no whole number, as seconds are, or a field is no number.
     """
-    sensor = sensor_of(sample)
-    values = VALUES[sensor](sample)
-    vector = getattr(sample, VECTORS[sensor]) if sensor in VECTORS else None
-    if PLAIN.issuperset(map(type, values)) and (vector is None or PLAIN.issuperset(map(type, vector))):
-        return sample
-    changed: dict[str, Any] = {}
-    for name, value in zip(NAMES[sensor], values, strict=True):
-        if type(value) not in PLAIN or value is vector is not None:
-            try:
-                changed[name] = _number(name, value)
-            except (TypeError, ValueError):
-                kind = KINDS[sensor].__name__
-                raise ArgumentError(f"{kind}.{name} is {value!r}, a {type(value).__name__}; give a number") from None
-    return replace(sample, **changed)
+    of_kind, (wanted, optional) = next((k, fields) for k, fields in _FIELDS.items() if isinstance(sample, k))
+    changes: dict[str, Any] = {}
+    for name in wanted:
+        value = getattr(sample, name)
+        kind = type(value)
+        if name in _STAMPS:
+            if kind is not int and value == value:  # NaN is refused as a negative stamp is
+                changes[name] = whole_ns(value, name)
+        elif kind is not float:
+            changes[name] = _number(value, name)
+    for name in optional:
+        value = getattr(sample, name)
+        if value is not None and type(value) is not float:
+            changes[name] = _number(value, name)
+    if of_kind in _VECTORS:
+        name = _VECTORS[of_kind]
+        vector = getattr(sample, name)
+        if vector is not None and not _FLOAT.issuperset(map(type, vector)):
+            changes[name] = tuple(_number(one, name) for one in vector)
+    return replace(sample, **changes) if changes else sample
 
 
-def _number(name: str, value: Any) -> object:
-    if name in VECTORS.values():
-        return tuple(float(one) for one in value)
-    if name in STAMPS and hasattr(value, "__index__"):
-        return operator.index(value)
-    return bool(value) if name == "long_baseline" else float(value)
+def _number(value: object, name: str) -> float:
+    try:
+        if isinstance(value, str | bytes):
+            raise TypeError
+        return float(cast("SupportsFloat", value))
+    except (TypeError, ValueError, OverflowError):
+        raise ArgumentError(f"{name} is {shown(value)}, a {type(value).__name__}; give one number") from None

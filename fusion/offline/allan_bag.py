@@ -6,12 +6,13 @@ import math
 from pathlib import Path
 
 import numpy as np
+import yaml
 
 from fusion.messages import NO_VECTOR, MessageError, imu_reading
 from fusion.offline.allan import AllanCurve, AllanError, allan_curve, check_standing, longest_stretch
 from fusion.offline.atomic_output import staged_file
 from fusion.offline.bag import Bag
-from fusion.offline.console import progress_bar, table
+from fusion.offline.console import progress_bar, shown_name, table
 from fusion.offline.kalibr import KalibrImu, read_kalibr
 from fusion.offline.streams import Floats, Times
 from fusion.offline.topics import TopicRequest, choose_topics
@@ -41,7 +42,7 @@ def noise_of(path: Path, topic: str | None, out: Path, kalibr: Path | None) -> s
         except AllanError as error:
             raise AllanError(f"{path}: {error}") from None
     with staged_file(out) as staged:
-        staged.write_text(_parameters(imu, path.name), encoding="utf-8")
+        staged.write_text(_parameters(imu, shown_name(path)), encoding="utf-8")
     if kalibr is not None:
         with staged_file(kalibr) as staged:
             staged.write_text(imu.as_yaml(), encoding="utf-8")
@@ -114,7 +115,7 @@ def _parameters(imu: KalibrImu, source: str) -> str:
     sigma = imu.gyroscope_noise_density * math.sqrt(imu.update_rate)
     lines = [f"{HEAD} {source}", "/**:", "  ros__parameters:"]
     if imu.rostopic:
-        lines.append(f"    gyro_topic: {imu.rostopic}")
+        lines.append(f"    {yaml.safe_dump({'gyro_topic': imu.rostopic}, width=1000).strip()}")
     lines += [
         "    fusion:",
         f"      # {imu.gyroscope_noise_density:.3g} rad/s/sqrt(Hz) at {imu.update_rate:.4g} Hz; the worst axis",

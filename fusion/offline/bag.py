@@ -13,8 +13,9 @@ from typing import Any, Literal
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+from fusion.messages import MessageError
 from fusion.offline.atomic_output import scratch_folder
-from fusion.offline.bag_errors import OURS, explain
+from fusion.offline.bag_errors import OURS, explain, remedy
 from fusion.offline.bag_messages import VIDEOS, Message, Topic, stamp_of
 from fusion.offline.metadata import contradictions
 from fusion.offline.storage import (
@@ -34,6 +35,9 @@ from fusion.offline.to_ros2 import Ros2Converter
 __all__ = ["Bag", "BagError"]
 
 log = logging.getLogger(__name__)
+
+NEGLIGIBLE = 0.01  # of messages and of a bag's time; single messages are lost by any link
+PAUSE = 5  # periods of the messages; a longer one is a gap
 
 
 class Bag(AbstractContextManager["Bag"]):
@@ -149,19 +153,36 @@ class Bag(AbstractContextManager["Bag"]):
             return
         for msgtype in {connection.msgtype for connection in connections}:
             self._guarded(self._check_definition, msgtype)
-        recorded, seen = self._reader.messages(connections), 0
+        recorded, seen, last_ns = self._reader.messages(connections), 0, self.start_ns
         while (item := self._guarded(next, recorded, None)) is not None:
             yield self._guarded(self._message, *item)
-            seen += 1
+            seen, last_ns = seen + 1, max(last_ns, int(item[1]))
         counted = sum(c.msgcount for c in connections)
         if seen != counted:
             names = ", ".join(sorted({connection.topic for connection in connections}))
+            if self._ends_early(seen, counted, last_ns):
+                raise BagError(
+                    f"{self.path}: bag is damaged (of {counted} messages of {names} {seen} were found, none near its "
+                    f"end); {remedy(self.path)}"
+                )
             self._note(f"{names}: {counted} messages by the index, {seen} were found")
 
+    def _ends_early(self, seen: int, counted: int, last_ns: int) -> bool:
+        """Whether messages are missing, and at the end: what comes after a place that is damaged."""
+        lasts, left = self.end_ns - self.start_ns, self.end_ns - last_ns
+        usual = PAUSE * (last_ns - self.start_ns) / max(seen, 1)
+        return seen < (1.0 - NEGLIGIBLE) * counted and left > max(NEGLIGIBLE * lasts, usual)
+
     def _message(self, connection: Any, record_ns: Any, raw: Any) -> Message:
-        raw = unpacked(raw)
-        has_seq = not self._reader.is2 and "timestamp" in VIDEOS.get(connection.msgtype, "")
-        stamp_ns = stamp_of(b"\0\0\0\0" + bytes(raw[:8]) if has_seq else raw, self._reader.is2)
+        """The message; without content and stamp where it is too short or cannot be decompressed."""
+        try:
+            raw = unpacked(raw)
+            has_seq = not self._reader.is2 and "timestamp" in VIDEOS.get(connection.msgtype, "")
+            stamp_ns = stamp_of(b"\0\0\0\0" + bytes(raw[:8]) if has_seq else raw, self._reader.is2)
+        except BagError:
+            raise
+        except Exception:  # bytes that are none of a message
+            raw, stamp_ns = b"", 0
         return Message(connection.topic, connection.msgtype, int(record_ns), stamp_ns, raw)
 
     @property
@@ -196,8 +217,17 @@ class Bag(AbstractContextManager["Bag"]):
             yield Message(connection.topic, connection.msgtype, record_ns, 0, cdr)
 
     def deserialize(self, message: Message) -> Any:
-        """The message as a record with the fields of its ROS type."""
-        return self._guarded(self._reader.deserialize, message.raw, message.msgtype)
+        """The message as a record with the fields of its ROS type.
+
+        Raises
+        ------
+        MessageError
+            Its bytes are none of that type: damaged, empty or cut. The messages beside it may be sound.
+        """
+        try:
+            return self._reader.deserialize(message.raw, message.msgtype)
+        except Exception as error:  # hostile bytes are met with exceptions of every kind
+            raise MessageError(f"damaged: no {message.msgtype.replace('/msg/', '/')} by its bytes") from error
 
     def _check_definition(self, msgtype: str) -> None:
         """Refuse a bag whose own definition of a standard type is another one: its fields would mean something else."""

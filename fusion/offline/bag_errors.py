@@ -10,6 +10,7 @@ from fusion.offline.storage import MCAP, ROS1, kind_of
 _CUT = ("truncated", "end magic", "index", "could not read", "expected", "malformed", "footer", "seek")
 # how other systems call their encodings where the library knows none but those of ROS 2
 _FOREIGN = ("ros1msg", "protobuf", "jsonschema", "flatbuffer", "json", "ros1", "cbor", "msgpack")
+_LONGEST = 120  # characters of what the library says
 OURS = "only those of ROS 2 (cdr, ros2msg or ros2idl) are read"
 
 
@@ -28,6 +29,8 @@ def explain(error: Exception, path: Path, names: Mapping[str, str]) -> str:
     detail = " ".join(str(error).split()).rstrip(".") or type(error).__name__
     for readable, name in names.items():
         detail = detail.replace(readable, name)
+    if len(detail) > _LONGEST:  # some quote all definitions of a bag
+        detail = f"{detail[: _LONGEST - 4]} ..."
     if isinstance(error, OSError) and error.strerror:
         return f"cannot be read: {error.strerror}"
     if isinstance(error, KeyError) and detail.strip("'") in _FOREIGN:
@@ -35,12 +38,12 @@ def explain(error: Exception, path: Path, names: Mapping[str, str]) -> str:
     if "missing tables" in detail:
         return "an SQLite database, but no bag: it has no tables 'messages' and 'topics'"
     if path.name.endswith(".active"):
-        return f"the recorder did not finish it ({detail}); {_remedy(path)}"
+        return f"the recorder did not finish it ({detail}); {remedy(path)}"
     cut = any(word in detail.lower() for word in _CUT)
-    return f"bag is {'truncated or ' if cut else ''}damaged ({detail}); {_remedy(path)}"
+    return f"bag is {'truncated or ' if cut else ''}damaged ({detail}); {remedy(path)}"
 
 
-def _remedy(path: Path) -> str:
+def remedy(path: Path) -> str:
     """The tool that saves what can be saved of a bag."""
     kind = "" if path.is_dir() else kind_of(path)
     if kind == ROS1:

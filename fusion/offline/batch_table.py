@@ -77,8 +77,14 @@ def _is_ours(parquet: Path) -> bool:
         return False
 
 
+def _as_text(value: Any) -> Any:
+    """Names of files need not be UTF-8."""
+    return value.encode(errors="backslashreplace").decode() if isinstance(value, str) else value
+
+
 def write_tables(folder: Path, rows: Sequence[dict[str, Any]]) -> list[Path]:
     """Write the tables, each complete or not at all; the paths of those that were written."""
+    rows = [{name: _as_text(value) for name, value in row.items()} for row in rows]
     with staged_file(folder / CSV) as staged, staged.open("w", newline="", encoding="utf-8") as file:
         writer = csv.DictWriter(file, COLUMNS, lineterminator="\n")
         writer.writeheader()

@@ -30,7 +30,7 @@ from fusion.offline.calibrate_images import (
 )
 from fusion.offline.calibrate_sensors import camera_delay, gyro_noise, track_scale
 from fusion.offline.circles import looked_at, with_circles
-from fusion.offline.console import progress_bar
+from fusion.offline.console import progress_bar, shown_name
 from fusion.offline.contradiction_check import contradiction
 from fusion.offline.image_files import SensorFiles
 from fusion.offline.mounting import MASK_COLUMNS, Mask, Panorama, static_pixels
@@ -132,7 +132,7 @@ def _drawn(frame: Frame, static: Mask, config: CompassConfig) -> Panorama:
 
 def _as_yaml(findings: Sequence[Finding], path: Path, image_noise: float | None) -> str:
     """The findings as a parameter file, the evidence as comments."""
-    lines = [f"{_HEADER}{path.name}"]
+    lines = [f"{_HEADER}{shown_name(path)}"]
     if image_noise is not None:
         lines.append(f"# Noise of the camera: {image_noise:.1f} of 255 grey values.")
     lines += ["/**:", "  ros__parameters:"]

@@ -16,7 +16,7 @@ from fusion.offline.commands import allan, report
 from fusion.offline.evaluate_command import evaluate
 from fusion.offline.interruption import Interrupted, interruptible
 from fusion.offline.sensor_options import sensor_file_options, topic_options
-from fusion.offline.verbosity import QuietGroup, say
+from fusion.offline.verbosity import QuietGroup, anything_printable, output_checked, say
 
 if TYPE_CHECKING:
     from fusion.offline.image_files import SensorFiles
@@ -206,10 +206,15 @@ for _command in (evaluate, report, allan):
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point of ``visual-compass``: the only place that prints errors and chooses the exit code."""
+    with anything_printable():
+        return _run(arguments)
+
+
+def _run(arguments: Sequence[str] | None) -> int:
     level = logging.getLogger().level
     logging.basicConfig(level=logging.WARNING, format="%(message)s", stream=sys.stderr)
     try:
-        with interruptible():
+        with interruptible(), output_checked():
             cli.main(arguments, prog_name="visual-compass", standalone_mode=False)
     except VisualCompassError as error:
         click.echo(f"visual-compass: {' '.join(str(error).split())}", err=True)

@@ -84,7 +84,10 @@ def sorted_rows(bag: Bag, columns: dict[str, Columns], topic: Topic | None, widt
         return np.zeros(0, np.int64), np.zeros((0, width))
     read = columns[topic.name]
     if not read.t_ns:
-        raise BagError(f"{bag.path}: {topic.name}: none of its {topic.count} messages is usable: {read.fault}")
+        raise BagError(
+            f"{bag.path}: {topic.name}: none of its {topic.count} messages is usable: {read.fault}; choose another "
+            "topic, or none"
+        )
     t_ns = np.frombuffer(read.t_ns, np.int64)
     order = np.argsort(t_ns, kind="stable")
     return t_ns[order], np.frombuffer(read.values, np.float64).reshape(-1, width)[order]

@@ -7,6 +7,7 @@ import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 
 from fusion.offline.streams import Progress
 
@@ -44,6 +45,11 @@ def progress_bar(title: str) -> Iterator[Progress]:
                 due = now + REFRESH_S
 
         yield show
+
+
+def shown_name(path: Path) -> str:
+    """The name of a file for a line of text, whatever characters and bytes it is made of."""
+    return "".join(letter if letter.isprintable() else "?" for letter in path.name)
 
 
 class MinuteLines:

@@ -11,6 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 from urllib.parse import urlsplit
 
+from compass.files import is_folder
 from fusion.offline.earlier_results import SUMMARY, EarlierResult, earlier_result
 from fusion.offline.folder import ImageFolder, refuse_pictures
 from fusion.offline.remote import find_urls, is_url
@@ -62,7 +63,7 @@ def bags_below(path: Path, leave_out: Path | None = None) -> list[Path]:
     BagError
         It is a folder without any.
     """
-    if not path.is_dir() or (path / METADATA).exists() or ImageFolder.is_one(path):
+    if not is_folder(path) or (path / METADATA).exists() or ImageFolder.is_one(path):
         return [path]
     found = _search(path, leave_out.resolve() if leave_out else None)
     if len(found) == 1 and found[0].parent == path:
@@ -113,7 +114,7 @@ def _is_one_recording(folder: Path) -> bool:
 
 def _is_result(path: Path) -> bool:
     """Whether a folder holds results of ours, or a file is one of them."""
-    folder = path if path.is_dir() else path.parent
+    folder = path if is_folder(path) else path.parent
     return (folder / SUMMARY).exists() and earlier_result(folder) is not None
 
 
@@ -166,7 +167,7 @@ def _name(bag: str, level: int) -> str:
     parts = _parts(bag)
     parents, whole = divmod(level, 2)
     if parents >= len(parts):
-        return f"{stem(parts[-1])}_{hashlib.sha256(f'{level} {bag}'.encode()).hexdigest()[:8]}_yaw"
+        return f"{stem(parts[-1])}_{hashlib.sha256(os.fsencode(f'{level} {bag}')).hexdigest()[:8]}_yaw"
     last = parts[-1] if whole else stem(parts[-1])
     return "_".join([*parts[len(parts) - 1 - parents : -1], last, "yaw"])
 

@@ -7,10 +7,11 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from compass.errors import ConfigError, ImageError
-from compass.files import read_bounded
+from compass.files import is_folder, read_bounded
 from compass.images.decode import image_from_compressed
 from fusion.offline.decode import decode_ahead
 from fusion.offline.image_files import ImageFileError
+from fusion.offline.reasons import count_reason
 from fusion.offline.sensor_csv import TIME_COLUMNS, csv_rows, nanoseconds
 from fusion.offline.stamp_check import Span
 from fusion.offline.streams import Floats, Frame, Times
@@ -43,7 +44,7 @@ class ImageFolder:
     @staticmethod
     def is_one(path: Path) -> bool:
         """Whether a path is such a folder."""
-        return path.is_dir() and (path / TIMES).is_file()
+        return is_folder(path) and (path / TIMES).is_file()
 
     def _listed(self, times: Path) -> Iterator[tuple[int, str]]:
         """Time, ns, and name of each image."""
@@ -57,7 +58,7 @@ class ImageFolder:
                 yield nanoseconds(row[header.index(clock)], clock), row[header.index("file")].strip()
             except (ValueError, IndexError) as error:
                 fault = str(error) if isinstance(error, ValueError) else "row too short"
-                self._dropped[f"{TIMES}: {fault}"] += 1
+                count_reason(self._dropped, f"{TIMES}: {fault}")
 
     @property
     def count(self) -> int:
@@ -83,7 +84,7 @@ class ImageFolder:
 
         for frame, fault in decode_ahead(self._files, decode):
             if frame is None:
-                dropped[f"image: {fault}"] += 1
+                count_reason(dropped, f"image: {fault}")
             else:
                 yield frame
 
@@ -94,7 +95,7 @@ class ImageFolder:
 
 def refuse_pictures(path: Path) -> None:
     """Refuse a folder of pictures without times in words that help; they would be looked for a bag in vain."""
-    if path.is_dir() and not (path / "metadata.yaml").exists():
+    if is_folder(path) and not (path / "metadata.yaml").exists():
         pictures = sum(file.suffix.lower() in PICTURES for file in path.iterdir())
         if pictures > 1:  # a single one is a plot, or a preview
             raise ImageFileError(f"{path}: {pictures} pictures but no {TIMES} to say when they were taken; {WANTED}")

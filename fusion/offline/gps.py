@@ -9,6 +9,7 @@ import numpy as np
 from scipy.stats import theilslopes
 
 from compass import wrap_angle
+from fusion.messages import MessageError
 from fusion.offline.bag import Bag
 from fusion.offline.scores import YawTrack, yaw_at
 from fusion.offline.streams import Floats, OdometryTrack, Times
@@ -48,7 +49,10 @@ def read_course(bag: Bag, odometry: OdometryTrack) -> Course | None:
         return None
     rows = []
     for message in bag.messages(topics[0].name):
-        fix = bag.deserialize(message)
+        try:
+            fix = bag.deserialize(message)
+        except MessageError:
+            continue
         if message.stamp_ns > 0 and fix.status.status >= 0 and math.isfinite(fix.latitude + fix.longitude):
             rows.append((message.stamp_ns, fix.latitude, fix.longitude))
     if not rows:

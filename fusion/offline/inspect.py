@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from array import array
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime, timezone
@@ -19,7 +20,7 @@ from compass.images.unwrap import unwrapping
 from fusion.messages import MessageError
 from fusion.offline.atomic_output import staged_file
 from fusion.offline.bag import Bag, BagError
-from fusion.offline.bag_messages import IMAGES, IMU, ODOMETRY, Topic
+from fusion.offline.bag_messages import IMAGES, IMU, ODOMETRY, Message, Topic
 from fusion.offline.clock_steps import YEAR_2200_NS
 from fusion.offline.console import progress_bar, table
 from fusion.offline.first_look import first_look
@@ -53,6 +54,8 @@ class Timing:
         Between which nearly all stamps lie, ns: single wrong ones do not count. 0 without stamps.
     elsewhere, unrecorded : int
         Stamps more than a day from most others, and record times that cannot be.
+    damaged : int
+        Messages that have no stamp because their bytes are none of their type.
     """
 
     rate_hz: float
@@ -65,13 +68,14 @@ class Timing:
     end_ns: int = 0
     elsewhere: int = 0
     unrecorded: int = 0
+    damaged: int = 0
 
 
-def timing(stamps: Times, recorded: Times) -> Timing:
-    """Judge the stamps of a topic, in the order of recording."""
+def timing(stamps: Times, recorded: Times, damaged: int = 0) -> Timing:
+    """Judge the stamps of a topic, in the order of recording; 0 of those that are `damaged`."""
     possible = (recorded > 0) & (recorded < YEAR_2200_NS)
     delays = (recorded - stamps)[possible & (stamps > 0)]
-    zero = int(np.count_nonzero(stamps <= 0))
+    zero = int(np.count_nonzero(stamps <= 0)) - damaged
     stamps = stamps[stamps > 0]
     ordered = np.sort(stamps)
     steps: Floats = np.diff(ordered).astype(np.float64) * 1e-9
@@ -87,6 +91,7 @@ def timing(stamps: Times, recorded: Times) -> Timing:
         end,
         int(np.count_nonzero(np.abs(ordered - median) > DAY_NS)),
         int(np.count_nonzero(~possible)),
+        damaged,
     )
 
 
@@ -137,18 +142,29 @@ def _number(value: float, digits: int) -> str:
 def _timings(bag: Bag) -> dict[str, Timing]:
     """Timing of every topic whose messages are stamped."""
     stamps = {topic.name: (array("q"), array("q")) for topic in bag.topics if bag.has_header(topic.msgtype)}
+    damaged: Counter[str] = Counter()
     total = sum(topic.count for topic in bag.topics) or 1
     with progress_bar("reading stamps") as progress:
         for count, message in enumerate(bag.messages(*stamps)):
             stamps[message.topic][0].append(message.stamp_ns)
             stamps[message.topic][1].append(min(max(message.record_ns, -1), LATEST_NS))
+            if message.stamp_ns <= 0:
+                damaged[message.topic] += not _is_sound(bag, message)
             if count % 500 == 0:
                 progress(count / total)
     return {
-        name: timing(np.frombuffer(stamp, np.int64), np.frombuffer(record, np.int64))
+        name: timing(np.frombuffer(stamp, np.int64), np.frombuffer(record, np.int64), damaged[name])
         for name, (stamp, record) in stamps.items()
         if len(stamp)
     }
+
+
+def _is_sound(bag: Bag, message: Message) -> bool:
+    try:
+        bag.deserialize(message)
+    except MessageError:
+        return False
+    return True
 
 
 def problems(topics: Sequence[Topic], timings: Mapping[str, Timing]) -> list[str]:
@@ -160,6 +176,8 @@ def problems(topics: Sequence[Topic], timings: Mapping[str, Timing]) -> list[str
         one = used[name]
         if one.zero:
             found.append(f"{name}: {one.zero} stamps were never set; they are left out")
+        if one.damaged:
+            found.append(f"{name}: {one.damaged} messages are damaged: their bytes are none of their type")
         if 10 * one.repeated > count:
             found.append(
                 f"{name}: {one.repeated} of {count} stamps repeat the one before; they are no times of capture"

@@ -24,6 +24,7 @@ from fusion.offline.clock_steps import ClockSteps, Recorded
 from fusion.offline.columns import Columns, levelled, sorted_rows
 from fusion.offline.common_time import of_common_time
 from fusion.offline.decode import decode_ahead
+from fusion.offline.reasons import count_reason
 from fusion.offline.stamp_check import Span, wrong_stamps
 from fusion.offline.streams import Frame, GyroTrack, OdometryTrack, Progress, TruthTrack, unwrap
 from fusion.offline.topics import TopicChoice
@@ -128,7 +129,7 @@ class BagRecording:
                     yield frame
                 continue
             unusable += 1
-            self.dropped[f"image: {fault}"] += 1
+            count_reason(self.dropped, f"image: {fault}")
             if not usable and unusable == HOPELESS:
                 break
         if unusable and not usable:
@@ -170,7 +171,10 @@ class BagRecording:
         for message in in_order(self._of_one_clock(topic), FRAMES_OUT_OF_ORDER):
             if window and message.stamp_ns > 0 and not window.first_ns <= message.stamp_ns <= window.last_ns:
                 continue
-            yield message.stamp_ns, self.bag.deserialize(message)
+            try:
+                yield message.stamp_ns, self.bag.deserialize(message)
+            except MessageError as error:
+                yield 0, error
 
     def _of_one_clock(self, topic: Topic) -> Iterator[Message]:
         """Messages of the recording's time, as long as their clock is that of the first one."""
@@ -192,6 +196,8 @@ class BagRecording:
     def _decode(self, stamped: tuple[int, Any]) -> tuple[Frame | None, str]:
         """The frame, or why there is none. Runs in a thread."""
         t_ns, message = stamped
+        if isinstance(message, MessageError):
+            return None, str(message)
         if t_ns <= 0:
             return None, "header.stamp is zero or negative"
         try:

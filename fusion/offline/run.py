@@ -103,6 +103,8 @@ class FusedRun:
         How the samples of each sensor fared at the filter's gate, all in all.
     warnings : list of Warned
         All that was wrong, and when; most serious first.
+    initial_yaw : float
+        Of the filter, rad.
     """
 
     rows: list[Row]
@@ -113,6 +115,7 @@ class FusedRun:
     fusion_counts: Counter[str] = field(default_factory=Counter)
     gates: dict[Sensor, SensorReport] = field(default_factory=dict)
     warnings: list[Warned] = field(default_factory=list)
+    initial_yaw: float = 0.0
 
     @property
     def t_ns(self) -> npt.NDArray[np.int64]:
@@ -132,7 +135,8 @@ def fuse_recording(recording: Recording, settings: Settings, progress: Progress 
     progress(1.0)
     counts = run.pipeline.compass.counts, run.pipeline.fusion.counts
     gates = run.reports()
-    return FusedRun(run.rows, recording.gyro, recording.odometry, recording.truth, *counts, gates, warnings)
+    tracks = recording.gyro, recording.odometry, recording.truth
+    return FusedRun(run.rows, *tracks, *counts, gates, warnings, settings.fusion.initial_yaw)
 
 
 def smooth_run(run: FusedRun, settings: Settings) -> None:

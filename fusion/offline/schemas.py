@@ -71,7 +71,7 @@ def summary_schema() -> Schema:
     """Of summary.json; a key that is added later leaves `version` as it is."""
     yaw = _object(
         {
-            "turned_deg": _number("from the first to the last yaw, turns counted; left is positive"),
+            "turned_deg": _number("from the start to the last yaw, turns counted; left is positive"),
             "sigma_deg": _number("standard deviation of the last yaw"),
             "final_error_deg": _number("error at the end against the truth, both zero where they begin to overlap"),
             "rms_error_deg": _number("root mean square of that error"),

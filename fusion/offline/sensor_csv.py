@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import math
+import os
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from decimal import Decimal, InvalidOperation
@@ -169,8 +170,9 @@ def csv_rows(path: Path) -> Iterator[list[str]]:
     SensorFileError
         The file cannot be read, or is no text.
     """
-    if not path.is_file():
-        raise SensorFileError(f"{path}: {'no such file' if not path.exists() else 'no regular file'}; give a CSV file")
+    if not os.path.isfile(path):
+        fault = "no regular file" if os.path.exists(path) else "no such file"
+        raise SensorFileError(f"{path}: {fault}; give a CSV file")
     try:
         with path.open(newline="", encoding="utf-8-sig") as file:
             separator = max(",;\t", key=file.readline(100_000).count)

@@ -18,12 +18,14 @@ from pathlib import Path
 from typing import Any
 
 from compass.errors import VisualCompassError
+from compass.parameters import shown
 from fusion.offline.metadata import Metadata, MetadataError, read_metadata
 
 ROS1, MCAP, SQLITE, ZSTD = ".bag", ".mcap", ".db3", ".zstd"
 _MAGIC = {b"#ROSBAG V2.0": ROS1, b"\x89MCAP0\r\n": MCAP, b"SQLite format 3\0": SQLITE, b"\x28\xb5\x2f\xfd": ZSTD}
 # first bytes of what SQLite may have beside a database, where it holds something; sqlite.org/fileformat.html
 _COMPANIONS = {"-wal": (b"\x37\x7f\x06\x82", b"\x37\x7f\x06\x83"), "-journal": (b"\xd9\xd5\x05\xf9\x20\xa1\x63\xd7",)}
+_UNSAFE = re.compile("[%?#\ud800-\udfff]")  # in a path: the library gives SQLite its name as an URI, in UTF-8
 WANTED = "give a .bag, an .mcap, a .db3 or a rosbag2 folder"
 
 
@@ -59,7 +61,7 @@ def find_files(path: Path) -> tuple[list[Path], Metadata | None, list[str]]:
     except FileNotFoundError:
         raise BagError(f"{path}: no such file; {WANTED}") from None
     except OSError as error:
-        raise BagError(f"{path}: cannot be read: {error.strerror}; {WANTED}") from None
+        raise BagError(f"{shown(str(path))}: cannot be read: {error.strerror}; {WANTED}") from None
     if stat.S_ISDIR(mode):
         return _files_in(path)
     if not stat.S_ISREG(mode):
@@ -188,7 +190,7 @@ class Workshop:
             self.faults.append(
                 f"{name} was not copied with {real.name}: the recorder had messages in it, they are lost"
             )
-        if file.suffix == kind:
+        if file.suffix == kind and not (kind == SQLITE and _UNSAFE.search(str(file.absolute()))):
             return file
         link = self._place(kind)
         link.symlink_to(real)

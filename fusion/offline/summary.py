@@ -20,7 +20,7 @@ from fusion.imu.tilt import tilt_angle
 from fusion.offline.console import table
 from fusion.offline.open_recording import FileRecording
 from fusion.offline.run import FusedRun
-from fusion.offline.scores import scores, yaw_tracks
+from fusion.offline.scores import COMPASS, FUSED, SMOOTHED, scores, yaw_tracks
 from fusion.offline.source import Source
 from fusion.offline.streams import GyroTrack
 from fusion.offline.warning_history import Warned
@@ -46,9 +46,11 @@ def summarise(run: FusedRun, recording: FileRecording) -> dict[str, Any]:
     """The facts of a run, ready for JSON."""
     tracks, scored = yaw_tracks(run), scores(run)
     t_ns = run.t_ns
+    # where these began, at the first image or sample, though they are known from the first increment on only
+    starts = {COMPASS: 0.0, FUSED: run.initial_yaw, SMOOTHED: run.initial_yaw}
     yaws: dict[str, dict[str, float | None]] = {}
     for name, track in tracks.items():
-        one: dict[str, float | None] = {"turned_deg": _deg(track.yaw[-1] - track.yaw[0])}
+        one: dict[str, float | None] = {"turned_deg": _deg(track.yaw[-1] - starts.get(name, track.yaw[0]))}
         if track.sigma is not None:
             one["sigma_deg"] = _deg(track.sigma[-1])
         if name in scored:

@@ -79,7 +79,7 @@ def settings_as_asked(settings: TopicSettings, request: TopicRequest) -> TopicSe
         "truth_topic": request.truth,
     }
     changes = {name: asked for name, asked in names.items() if asked is not None}
-    if request.image not in (None, NONE):
+    if request.image is not None and not absent(request.image):
         changes["image_transport"] = "raw" if camera_topic(request.image) == request.image else "compressed"
     return replace(settings, **changes)  # type: ignore[arg-type]
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -10,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from compass.files import is_folder
 from compass.images.decode import MOST_PIXELS
 from fusion.offline.image_files import ImageFileError
 from fusion.offline.stamp_check import Span
@@ -57,7 +59,7 @@ class VideoFile:
     @staticmethod
     def is_one(path: Path) -> bool:
         """Whether a path is named as videos are."""
-        return path.suffix.lower() in SUFFIXES and not path.is_dir()
+        return path.suffix.lower() in SUFFIXES and not is_folder(path)
 
     @contextmanager
     def _opened(self) -> Iterator[tuple[Any, av.VideoStream]]:
@@ -67,8 +69,8 @@ class VideoFile:
             raise ImageFileError(
                 f"{self.path}: videos are read with PyAV, which is not installed: pip install 'visual-compass[video]'"
             ) from None
-        if not self.path.is_file():
-            raise ImageFileError(f"{self.path}: {'no regular' if self.path.exists() else 'no such'} file")
+        if not os.path.isfile(self.path):
+            raise ImageFileError(f"{self.path}: {'no regular' if os.path.exists(self.path) else 'no such'} file")
         try:
             container = av.open(str(self.path))
         except (av.error.FFmpegError, OSError) as error:

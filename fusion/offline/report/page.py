@@ -108,7 +108,7 @@ def write_report(
     head = _head(run, summary, title, bool(pictures and pictures.pictures))
     grid = gridplot([[one] for one in figures], sizing_mode="stretch_width", toolbar_options={"logo": None})
     page = rendered(grid, title, head, pictures, start_ns)
-    path.write_text(page, encoding="utf-8")
+    path.write_text(page, encoding="utf-8", errors="backslashreplace")  # names that are not UTF-8
 
 
 def rendered(model: Model, title: str, head: str, pictures: Thumbnails | None = None, start_ns: int = 0) -> str:

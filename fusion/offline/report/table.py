@@ -5,6 +5,7 @@ from __future__ import annotations
 import html
 import json
 import math
+import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -69,7 +70,7 @@ def report_of_folder(folder: Path) -> tuple[Path, int]:
     if target.is_file() and GENERATOR not in target.read_text(encoding="utf-8", errors="replace"):
         raise ReportError(f"{target}: is not a report of ours, and would be lost; move it away")
     with staged_file(target) as staged:
-        staged.write_text(table_page(folder, runs), encoding="utf-8")
+        staged.write_text(table_page(folder, runs), encoding="utf-8", errors="backslashreplace")
     return target, len(runs)
 
 
@@ -91,7 +92,7 @@ def table_page(folder: Path, runs: Sequence[tuple[Path, Mapping[str, Any]]]) -> 
 def _row(folder: Path, run: Path, summary: Mapping[str, Any]) -> str:
     page = next((name for name in (FILE, "yaw.png", "summary.json") if (run / name).exists()), "")
     name = str(run.relative_to(folder))
-    link = f'<a href="{quote(f"{name}/{page}")}">{html.escape(name)}</a>'
+    link = f'<a href="{quote(os.fsencode(f"{name}/{page}"))}">{html.escape(name)}</a>'
     cells = [f'<td data-value="{html.escape(name)}">{link}</td>']
     for place, decimals in COLUMNS.values():
         value = _value(summary, place)
