@@ -133,7 +133,8 @@ class BagRecording:
             if not usable and unusable == HOPELESS:
                 break
         if unusable and not usable:
-            raise BagError(f"{self.bag.path}: {topic.name}: no usable image among the first {unusable}: {fault}")
+            found = f"{self.bag.path}: {topic.name}: no usable image among the first {unusable}: {fault}"
+            raise BagError(f"{found}; choose another topic, or none")
 
     def _decoded(self, topic: Topic) -> Iterator[tuple[Frame | None, str]]:
         """Frames, and why there is none; a video's packets are decoded one after another, as they were recorded."""
