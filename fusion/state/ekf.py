@@ -32,7 +32,8 @@ from fusion.state.process_models import integrate_gauss_markov, turning
 
 Array = npt.NDArray[np.float64]
 CLONES = 5  # two images and a keyframe; two views some seconds apart
-# Half or twice the `DELAY_WALK` changes nothing (docs/lab-notes/filter-2026-11-28.md).
+# Half or twice the `DELAY_WALK` changes nothing (docs/lab-notes/filter-2026-11-28.md). Jitter beyond what is configured
+# does not count: where images contradict a gyro it is learnt to be large, and the delay would walk as far as it takes.
 DELAY_WALK = 0.2  # 1/sqrt(s), wander of the camera's delay over the timestamp jitter
 
 
@@ -219,7 +220,7 @@ class YawEkf(ExtendedKalmanFilter):
         Q[State.BIAS, State.BIAS] = config.bias_walk**2 * self.bias_walk_scale * dt
         Q[State.CROSS_BIAS, State.CROSS_BIAS] = config.bias_walk**2 * dt
         Q[State.SCALE, State.SCALE] = config.scale_walk**2 * dt
-        Q[State.CAMERA_DELAY, State.CAMERA_DELAY] = DELAY_WALK**2 * self.jitter * dt
+        Q[State.CAMERA_DELAY, State.CAMERA_DELAY] = DELAY_WALK**2 * min(self.jitter, config.compass_timing**2) * dt
         F[State.TRACK_ERROR, State.VEER] = self.track_speed * dt
         integrate_gauss_markov(F, Q, State.SLIP, State.TRACK_ERROR, config.slip_time, 1.0, self.slip_sigma, dt)
         faded = dt / config.compass_error_time
