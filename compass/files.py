@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import stat
 from pathlib import Path
 
@@ -40,6 +41,11 @@ def read_bounded(path: Path, most_bytes: int, remedy: str) -> bytes:
     if len(data) > most_bytes:
         raise ConfigError(f"{path}: has more than the {most_bytes} bytes allowed; {remedy}")
     return data
+
+
+def real(path: Path) -> Path:
+    """The absolute path without links; of links in a circle as far as they can be followed."""
+    return Path(os.path.realpath(path))
 
 
 def is_folder(path: Path) -> bool:

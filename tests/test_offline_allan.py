@@ -124,7 +124,7 @@ def test_allan_of_what_cannot_be_used_is_refused_in_a_line(standing, tiny_bag, t
         (tiny_bag, "without a gap; record 60 s", out),
         (tmp_path / "broken.yaml", "'many' is no positive number", out),
         (tmp_path / "other.yaml", "are wanted, as in Kalibr's imu.yaml", out),
-        (standing, "is none of ours", tmp_path / "mine.yaml"),
+        (standing, "exists already; give another name, or --force", tmp_path / "mine.yaml"),
     ):
         assert main(["allan", str(path), "--out", str(target)]) == 1
         error = capsys.readouterr().err

@@ -1,6 +1,8 @@
 """Many recordings from few words, and a folder's name for the results of each."""
 
+import os
 import shutil
+from pathlib import Path
 
 import pytest
 from gyro_bags import three_bags
@@ -10,8 +12,10 @@ from hypothesis import strategies as st
 from fusion.offline.cli import main
 from fusion.offline.earlier_results import EarlierResult
 from fusion.offline.find_bags import find_bags, name_folders
+from fusion.offline.fuse_bag import fuse_bag
 from fusion.offline.source import Source, source_of
 from fusion.offline.storage import BagError
+from fusion.settings import Settings
 
 
 @pytest.fixture(scope="module")
@@ -93,3 +97,46 @@ def test_names_never_collide(paths):
     names = list(name_folders(paths, {"drive_yaw": None}).values())
     assert len({name.casefold() for name in [*names, "drive_yaw"]}) == len(paths) + 1
     assert all(name.endswith("_yaw") and "/" not in name for name in names)
+
+
+def test_links_in_a_circle_and_folders_that_cannot_be_read_are_passed_over(tmp_path, monkeypatch, caplog):
+    for name in ("a", "lost+found"):
+        (tmp_path / name).mkdir()
+    (tmp_path / "a" / "x.mcap").write_bytes(b"")
+    (tmp_path / "loop.mcap").symlink_to(tmp_path / "loop.mcap")
+    scandir = os.scandir
+
+    def refused(folder):
+        if Path(folder).name == "lost+found":
+            raise PermissionError(13, "Permission denied")
+        return scandir(folder)
+
+    monkeypatch.setattr(os, "scandir", refused)
+    assert find_bags([str(tmp_path)]) == [str(tmp_path / "a" / "x.mcap")]
+    assert "lost+found: passed over: Permission denied" in caplog.text
+    with pytest.raises(BagError, match=r"lost\+found: cannot be read: Permission denied"):
+        find_bags([str(tmp_path / "lost+found")])
+    with pytest.raises(BagError, match="cannot be read: Too many levels of symbolic links"):
+        fuse_bag(tmp_path / "loop.mcap", None, Settings())
+
+
+def test_one_bag_named_in_several_ways_is_one(tmp_path, monkeypatch):
+    (tmp_path / "a").mkdir()
+    (tmp_path / "a" / "x.mcap").write_bytes(b"")
+    (tmp_path / "link.mcap").symlink_to(tmp_path / "a" / "x.mcap")
+    (tmp_path / "elsewhere").symlink_to("/")
+    monkeypatch.chdir(tmp_path)
+    words = ["a/x.mcap", "./a/../a/x.mcap", "a//x.mcap", str(tmp_path / "a" / "x.mcap"), "a/x.mca*"]
+    assert find_bags(words) == [str(tmp_path / "a" / "x.mcap")]
+    assert find_bags(["link.mcap"]) == [str(tmp_path / "link.mcap")]  # names its results
+    # what is above a link is not what its name says
+    assert find_bags(["elsewhere/../a"]) == [str(tmp_path / "elsewhere" / ".." / "a")]
+
+
+@pytest.mark.parametrize("word", ["", " "])
+def test_word_that_is_empty_names_nothing(tmp_path, monkeypatch, word):
+    """Not the working folder, with all that is below it: `fuse "$BAG"` where that is not set."""
+    (tmp_path / "x.mcap").write_bytes(b"")
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(BagError, match="names nothing"):
+        find_bags([word])

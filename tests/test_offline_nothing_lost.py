@@ -233,3 +233,44 @@ def test_settings_that_nodes_do_not_know_are_read(tmp_path):
     (tmp_path / "c.yaml").write_text("/**: {ros__parameters: {offline: {smooth: true, end: 2.0}, truth_topic: none}}")
     settings = load_settings(tmp_path / "c.yaml")
     assert (settings.offline.smooth, settings.offline.end, settings.topics.truth_topic) == (True, 2.0, "none")
+
+
+READ = {
+    "preview on the bag": ["inspect", "{bag}", "--roi-preview", "{bag}", "--force"],
+    "preview on a link to it": ["inspect", "{bag}", "--roi-preview", "{link}", "--force"],
+    "preview in its folder": ["inspect", "{folder}", "--roi-preview", "{bag}", "--force"],
+    "settings on the bag": ["calibrate", "{bag}", "--out", "{bag}", "--force"],
+    "mask on the bag": ["calibrate", "{bag}", "--out", "{new}", "--mask-preview", "{bag}", "--force"],
+    "noises on the bag": ["allan", "{bag}", "--out", "{bag}", "--force"],
+    "Kalibr's on the bag": ["allan", "{bag}", "--out", "{new}", "--kalibr", "{bag}", "--force"],
+    "table on the bag": ["evaluate", "{bag}", "--json", "{bag}", "--force"],
+}
+
+
+@pytest.mark.parametrize("command", READ.values(), ids=READ)
+def test_what_a_command_reads_is_not_replaced_even_by_force(tiny_bag, tmp_path, command, capsys):
+    folder = tmp_path / "drive"
+    shutil.copytree(tiny_bag.parent, folder)
+    (bag,) = folder.glob("*.mcap")
+    (tmp_path / "link").symlink_to(bag)
+    before = bag.read_bytes()
+    places = {"bag": bag, "folder": folder, "link": tmp_path / "link", "new": tmp_path / "new.yaml"}
+    assert main([word.format(**places) for word in command]) == 1
+    assert bag.read_bytes() == before
+    assert "is read by this command, and would be lost; give another name" in capsys.readouterr().err
+    assert not places["new"].exists()
+
+
+def test_noises_take_the_place_of_none_but_their_own(tmp_path, capsys):
+    """A comment in its first line makes a file of settings no earlier result."""
+    imu = tmp_path / "imu.yaml"
+    text = "# of the maker\ngyroscope_noise_density: 1.0e-4\ngyroscope_random_walk: 1.0e-6\nupdate_rate: 200.0\n"
+    imu.write_text(text)
+    (tmp_path / "mine.yaml").write_text("# my robot\n/**: {ros__parameters: {}}\n")
+    for out in (imu, tmp_path / "mine.yaml"):
+        assert main(["allan", str(imu), "--out", str(out)]) == 1
+    assert imu.read_text() == text
+    assert "mine.yaml: exists already; give another name, or --force" in capsys.readouterr().err
+    for _ in range(2):
+        assert main(["allan", str(imu), "--out", str(tmp_path / "new.yaml"), "--kalibr", str(tmp_path / "k.yaml")]) == 0
+    assert main(["allan", str(imu), "--out", str(tmp_path / "mine.yaml"), "--force"]) == 0

@@ -10,10 +10,10 @@ import yaml
 
 from fusion.messages import NO_VECTOR, MessageError, imu_reading
 from fusion.offline.allan import AllanCurve, AllanError, allan_curve, check_standing, longest_stretch
-from fusion.offline.atomic_output import staged_file
+from fusion.offline.atomic_output import refuse_existing, staged_file
 from fusion.offline.bag import Bag
 from fusion.offline.console import progress_bar, shown_name, table
-from fusion.offline.kalibr import KalibrImu, read_kalibr
+from fusion.offline.kalibr import KALIBR_HEAD, KalibrImu, read_kalibr
 from fusion.offline.streams import Floats, Times
 from fusion.offline.topics import TopicRequest, choose_topics
 from fusion.settings import NONE, TopicSettings
@@ -22,7 +22,7 @@ AXES = ("gyro x", "gyro y", "gyro z", "accelerometer x", "accelerometer y", "acc
 HEAD = "# Noise of the gyro, by visual-compass allan from"
 
 
-def noise_of(path: Path, topic: str | None, out: Path, kalibr: Path | None) -> str:
+def noise_of(path: Path, topic: str | None, out: Path, kalibr: Path | None, *, force: bool = False) -> str:
     """Write the noises of a standing IMU, or those of Kalibr's file, as parameters; gives the table for the screen.
 
     Raises
@@ -30,9 +30,8 @@ def noise_of(path: Path, topic: str | None, out: Path, kalibr: Path | None) -> s
     VisualCompassError
         The recording cannot be used, or a place cannot be written to.
     """
-    for place in filter(None, (out, kalibr)):
-        if place.is_file() and not place.read_text(encoding="utf-8", errors="replace").startswith("# "):
-            raise AllanError(f"{place}: exists, and is none of ours; give another name")
+    refuse_existing(out, begins=HEAD.encode(), force=force, inputs=[path])
+    refuse_existing(kalibr, begins=KALIBR_HEAD.encode(), force=force, inputs=[path])
     if path.suffix in (".yaml", ".yml"):
         imu = read_kalibr(path)
         text = f"{path}: Kalibr's, at {imu.update_rate:g} Hz"

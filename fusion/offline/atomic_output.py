@@ -14,11 +14,12 @@ import secrets
 import shutil
 import sys
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
 from compass.errors import VisualCompassError
+from compass.files import is_folder, real
 
 log = logging.getLogger(__name__)
 
@@ -42,9 +43,9 @@ def staged_folder(target: Path, ours: Sequence[str] = ()) -> Iterator[Path]:
     OutputError
         `target` is no folder, or its place cannot be written to.
     """
-    if target.exists() and not target.is_dir():
+    if os.path.exists(target) and not is_folder(target):
         raise OutputError(f"{target}: is no folder; give another --out")
-    target = target.resolve()  # not a link is replaced, but what it leads to
+    target = real(target)  # not a link is replaced, but what it leads to
     with _staging(target) as staging:
         yield staging
         if target.exists():
@@ -104,14 +105,16 @@ def staged_file(target: Path) -> Iterator[Path]:
     OutputError
         `target` is a folder, or its place cannot be written to.
     """
-    if target.is_dir():
+    if is_folder(target):
         raise OutputError(f"{target}: is a folder that exists already; give another --out")
     with _staging(target) as staging:
         yield staging / target.name
         (staging / target.name).replace(target)
 
 
-def refuse_existing(target: Path | None, *, force: bool = False, begins: bytes | None = None) -> None:
+def refuse_existing(
+    target: Path | None, *, force: bool = False, begins: bytes | None = None, inputs: Iterable[Path | None] = ()
+) -> None:
     """Refuse to replace a file that may be its user's own work.
 
     Parameters
@@ -122,13 +125,19 @@ def refuse_existing(target: Path | None, *, force: bool = False, begins: bytes |
         Whether its user gave leave.
     begins : bytes, optional
         How such a file of an earlier run begins: that is replaced.
+    inputs : iterable of Path or None
+        What the run reads, files and folders: not replaced even by `force`.
 
     Raises
     ------
     OutputError
         There is another one.
     """
-    if target is None or force or not target.exists():
+    if target is None or not os.path.lexists(target):
+        return
+    if any(real(read) in (real(target), real(target).parent) for read in inputs if read is not None):
+        raise OutputError(f"{target}: is read by this command, and would be lost; give another name")
+    if force:
         return
     if begins is not None and target.is_file():
         with contextlib.suppress(OSError), target.open("rb") as file:
@@ -145,7 +154,7 @@ def refuse_unusable(folder: Path) -> None:
     OutputError
         It is no folder, or cannot be made or written to.
     """
-    if folder.exists() and not folder.is_dir():
+    if os.path.exists(folder) and not is_folder(folder):
         raise OutputError(f"{folder}: is no folder; give another --out")
     with _staging(folder.absolute() / "results"):
         pass

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from compass.files import is_folder, real
 from fusion.offline.atomic_output import OutputError, refuse_unusable
 from fusion.offline.bag_task import EARLIER, FAILED, FUSED, SKIPPED, BagOutcome, BagTask
 from fusion.offline.batch_progress import BatchProgress, batch_progress
@@ -73,14 +74,14 @@ def fuse_bags(
     VisualCompassError
         `out` cannot be used, or no scheduler answers. What is wrong with one recording is in its outcome.
     """
-    existed = out.exists()
+    existed = is_folder(out)
     there = results_in(out) if existed else {}
     _check_out(out, there, force=force)
     check_tables(out, force=force)
     refuse_unusable(out)
-    place = out.resolve()
+    place = real(out)
     names = name_folders(bags, there)
-    given = settings, request or TopicRequest(), force, tuple(path.resolve() for path in inputs), report, rerun
+    given = settings, request or TopicRequest(), force, tuple(map(real, inputs)), report, rerun
     tasks = [BagTask(bag, place / names[bag], *given) for bag in bags]
     outcomes: dict[str, BagOutcome] = {}
     rows: dict[str, dict[str, Any]] = {}
@@ -114,7 +115,7 @@ def _run(tasks: Sequence[BagTask], jobs: int, scheduler: str | None, progress: B
 def _check_out(out: Path, there: dict[str, EarlierResult | None], *, force: bool) -> None:
     """Refuse a folder that is full of other things, in which nobody wants hundreds; unless one stands in it."""
     others = there.keys() - {CSV, PARQUET, REPORT}
-    if others and not force and not any(there.values()) and out.resolve() != Path.cwd():
+    if others and not force and not any(there.values()) and real(out) != Path.cwd():
         raise OutputError(f"{out}: is not empty and holds no earlier results; give another --out, or --force")
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import replace
@@ -64,9 +65,10 @@ def calibrate_bag(
     OutputError
         Without `force`: a file is in the way that no earlier calibration wrote.
     """
-    refuse_existing(out, force=force, begins=_HEADER.encode())
-    refuse_existing(out.with_name(mask_name(out)), force=force or out.exists())
-    refuse_existing(picture, force=force)
+    inputs = [path, *(sensors.paths if sensors else ())]
+    refuse_existing(out, force=force, begins=_HEADER.encode(), inputs=inputs)
+    refuse_existing(out.with_name(mask_name(out)), force=force or os.path.exists(out), inputs=inputs)
+    refuse_existing(picture, force=force, inputs=inputs)
     with open_recording(path, settings, request, sensors) as read:
         with progress_bar("reading samples") as progress:
             recording = read(progress)

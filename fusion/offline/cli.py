@@ -112,7 +112,7 @@ def inspect(bag: Path, roi_preview: Path | None, config: Path | None, image: str
     from fusion.offline.topics import TopicRequest
     from fusion.settings import load_settings
 
-    refuse_existing(roi_preview, force=force)
+    refuse_existing(roi_preview, force=force, inputs=[bag, config])
     click.echo(inspected(bag, load_settings(config), TopicRequest(image=image), roi_preview))
 
 

@@ -34,6 +34,8 @@ def run_on_cluster(tasks: Sequence[BagTask], scheduler: str) -> Iterator[BagOutc
     except ImportError:
         raise VisualCompassError("--scheduler needs Dask; pip install 'visual-compass[cluster]'") from None
     try:
+        # before a client is half made, which complains with a trace as it goes
+        distributed.comm.get_address_host_port(scheduler if "://" in scheduler else f"tcp://{scheduler}", strict=True)
         client = distributed.Client(scheduler, timeout=_ANSWER_WITHIN_S, set_as_default=False)
     except (OSError, ValueError) as error:
         words = " ".join(str(error).split()) or type(error).__name__

@@ -25,11 +25,12 @@ def report(results: Path) -> None:
     help="Parameters to write, ready for --config.",
 )  # fmt: skip
 @click.option("--kalibr", type=click.Path(path_type=Path), metavar="YAML", help="Write Kalibr's imu.yaml, too.")
-def allan(imu: Path, topic: str | None, out: Path, kalibr: Path | None) -> None:
+@click.option("--force", is_flag=True, help="Write where something else is than an earlier result.")
+def allan(imu: Path, topic: str | None, out: Path, kalibr: Path | None, force: bool) -> None:
     """Noise density, bias instability and random walk of the standing gyro in IMU, a bag: by its Allan deviation.
 
     IMU may be Kalibr's imu.yaml, whose noises are written as parameters then.
     """
     from fusion.offline.allan_bag import noise_of
 
-    click.echo(noise_of(imu, topic, out, kalibr))
+    click.echo(noise_of(imu, topic, out, kalibr, force=force))

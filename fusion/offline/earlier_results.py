@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from compass.errors import ConfigError
-from compass.files import read_bounded
+from compass.files import is_folder, read_bounded, real
 from compass.version import __version__
 from fusion.offline.atomic_output import OutputError
 from fusion.offline.source import Source
@@ -74,7 +74,7 @@ def check_place(folder: Path, source: Source, *, force: bool = False, inputs: It
     OutputError
         It is refused.
     """
-    if not folder.is_dir():
+    if not is_folder(folder):
         return  # absent; or refused for what it is where it is written
     try:
         empty = not any(folder.iterdir())
@@ -95,7 +95,7 @@ def check_place(folder: Path, source: Source, *, force: bool = False, inputs: It
 
 def _spare(inputs: Iterable[Path], folder: Path) -> None:
     """Refuse to replace what is read."""
-    place = folder.resolve()
+    place = real(folder)
     for read in inputs:
-        if read.resolve().parent == place and read.name in (*ALWAYS, *OPTIONAL):
+        if real(read).parent == place and read.name in (*ALWAYS, *OPTIONAL):
             raise OutputError(f"{folder}: a result would take the place of {read}, which is read; give another --out")

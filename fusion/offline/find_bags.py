@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import glob
 import hashlib
+import logging
 import os
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -11,12 +12,14 @@ from dataclasses import replace
 from pathlib import Path
 from urllib.parse import urlsplit
 
-from compass.files import is_folder
+from compass.files import is_folder, real
 from fusion.offline.earlier_results import SUMMARY, EarlierResult, earlier_result
 from fusion.offline.folder import ImageFolder, refuse_pictures
 from fusion.offline.remote import find_urls, is_url
 from fusion.offline.source import source_of
 from fusion.offline.storage import WANTED, BagError, find_files
+
+log = logging.getLogger(__name__)
 
 METADATA = "metadata.yaml"  # of a rosbag2 folder
 SUFFIXES = (".bag", ".mcap", ".db3")  # by which bags are found in a folder that is searched
@@ -41,18 +44,26 @@ def find_bags(words: Sequence[str], leave_out: Path | None = None) -> list[str]:
     """
     found: list[str] = []
     for word in words:
+        if not word.strip():
+            raise BagError(f"{word!r} names nothing, as a shell's variable that is not set; {WANTED}")
         if is_url(word):
             found += [word] if named_like_a_bag(word) and "*" not in word else find_urls(word, SUFFIXES)
         elif any(sign in word for sign in _PATTERN) and not os.path.lexists(word):
             paths = sorted(glob.glob(word, recursive=True))
             if not paths:
                 raise BagError(f"{word}: no file of that pattern; {WANTED}")
-            found += [str(Path(path).absolute()) for path in paths if not _is_result(Path(path))]
+            found += [absolute(Path(path)) for path in paths if not _is_result(Path(path))]
         else:
-            found += [str(path.absolute()) for path in bags_below(Path(word), leave_out)]
+            found += [absolute(path) for path in bags_below(Path(word), leave_out)]
     if not found:
         raise BagError(f"{' '.join(words)}: nothing but results of earlier runs; {WANTED}")
     return list(dict.fromkeys(found))
+
+
+def absolute(path: Path) -> str:
+    """An absolute path without ``..`` and ``.``, so that one bag named twice is one; links keep their names."""
+    plain = os.path.abspath(path)
+    return plain if real(Path(plain)) == real(path) else str(path.absolute())
 
 
 def bags_below(path: Path, leave_out: Path | None = None) -> list[Path]:
@@ -65,7 +76,7 @@ def bags_below(path: Path, leave_out: Path | None = None) -> list[Path]:
     """
     if not is_folder(path) or (path / METADATA).exists() or ImageFolder.is_one(path):
         return [path]
-    found = _search(path, leave_out.resolve() if leave_out else None)
+    found = _search(path, real(leave_out) if leave_out else None)
     if len(found) == 1 and found[0].parent == path:
         return [path]  # the folder of a recording whose metadata is missing
     if not found:
@@ -74,25 +85,31 @@ def bags_below(path: Path, leave_out: Path | None = None) -> list[Path]:
     return found
 
 
-def _search(folder: Path, leave_out: Path | None) -> list[Path]:
-    """By name, in the order of names; nothing hidden, no results of ours, no links to folders."""
+def _search(folder: Path, leave_out: Path | None, *, inner: bool = False) -> list[Path]:
+    """By name, in the order of names; nothing hidden, no results of ours, no links to folders.
+
+    An `inner` folder that cannot be read is passed over.
+    """
     try:
         entries = sorted(os.scandir(folder), key=lambda entry: entry.name)
     except OSError as error:
-        raise BagError(f"{folder}: cannot be read: {error.strerror}") from None
+        if not inner:
+            raise BagError(f"{folder}: cannot be read: {error.strerror}") from None
+        log.warning("%s: passed over: %s", folder, error.strerror)  # such as lost+found
+        return []
     if any(entry.name == METADATA for entry in entries):
         return [folder]
     if any(entry.name == SUMMARY for entry in entries) and _is_result(folder):
         return []
-    files = [folder / entry.name for entry in entries if entry.is_file() and named_like_a_bag(entry.name)]
+    files = [folder / entry.name for entry in entries if named_like_a_bag(entry.name) and os.path.isfile(entry)]
     files = [folder] if len(files) > 1 and _is_one_recording(folder) else files
     below = [
         bag
         for entry in entries
         if entry.is_dir(follow_symlinks=False)
         and not entry.name.startswith(".")
-        and (folder / entry.name).resolve() != leave_out
-        for bag in _search(folder / entry.name, leave_out)
+        and real(folder / entry.name) != leave_out
+        for bag in _search(folder / entry.name, leave_out, inner=True)
     ]
     return files + below
 

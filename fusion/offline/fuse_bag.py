@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from compass.errors import ArgumentError
+from compass.files import real
 from compass.images.strip import rows_used
 from fusion.offline.atomic_output import staged_folder
 from fusion.offline.bag import BagError
@@ -100,7 +101,7 @@ def fuse_bag(
         check_bokeh()
     if rerun:
         check_rerun()
-    out = out or Path(f"{path.resolve().stem}_yaw")
+    out = out or Path(f"{real(path).stem}_yaw")
     request, sensors = request or TopicRequest(), sensors or SensorFiles()
     used = settings_as_used(settings, request, smooth=smooth)
     source = source_of(path, known_as)

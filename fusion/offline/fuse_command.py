@@ -10,7 +10,7 @@ from typing import Any
 from compass.errors import VisualCompassError
 from fusion.offline.batch import fuse_bags
 from fusion.offline.batch_table import CSV
-from fusion.offline.find_bags import find_bags
+from fusion.offline.find_bags import absolute, find_bags
 from fusion.offline.fuse_bag import fuse_bag
 from fusion.offline.image_files import ImageFileError, SensorFiles
 from fusion.offline.report.table import report_of_folder
@@ -57,7 +57,7 @@ def fuse_named(
 def _bags(words: Sequence[str], out: Path | None) -> tuple[list[str], bool]:
     """The bags that are named, and whether they are fused as many are: not where one file or folder is one bag."""
     found = find_bags(words, out)
-    return found, len(words) > 1 or found != [str(Path(words[0]).absolute())]
+    return found, len(words) > 1 or found != [absolute(Path(words[0]))]
 
 
 def _fuse_one(bag: Path, out: Path | None, settings: Settings, request: TopicRequest, **options: Any) -> None:

@@ -13,6 +13,7 @@ from compass.files import read_bounded
 from fusion.bounded_yaml import YamlError, parse_yaml
 
 LARGEST = 100_000  # bytes
+KALIBR_HEAD = "# Continuous-time noises of an IMU, for Kalibr; by visual-compass allan"  # how ours begin
 KEYS = ("gyroscope_noise_density", "gyroscope_random_walk", "update_rate")
 
 
@@ -41,7 +42,7 @@ class KalibrImu:
 
     def as_yaml(self) -> str:
         """As Kalibr reads it."""
-        lines = ["# Continuous-time noises of an IMU, for Kalibr; by visual-compass allan"]
+        lines = [KALIBR_HEAD]
         for name in self.__dataclass_fields__:
             value = getattr(self, name)
             if value not in (None, ""):

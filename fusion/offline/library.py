@@ -159,6 +159,8 @@ def _finished(details: FusedRun, summary: dict[str, Any], folder: Path | None) -
 def _path(name: str, value: Any) -> Path:
     if not isinstance(value, str | os.PathLike):
         raise ArgumentError(f"{name} is {value!r}; give a path, as str or pathlib.Path")
+    if not os.fspath(value):
+        raise ArgumentError(f"{name} is empty; give a path")
     if "\0" in str(value):
         raise ArgumentError(f"{name} is {str(value)!r}; no name of a file holds a NUL")
     return Path(value)

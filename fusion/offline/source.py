@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
 
+from compass.files import real
 from fusion.offline.folder import PICTURES, TIMES, ImageFolder
 from fusion.offline.storage import BagError, find_files
 
@@ -65,7 +66,7 @@ def source_of(path: Path, known_as: str = "") -> Source:
                 size += hash_samples(opened, file.stat().st_size, content)
     except OSError as error:
         raise BagError(f"{path}: cannot be read: {error.strerror}") from None
-    return Source(known_as or str(path.resolve()), size, content.hexdigest())
+    return Source(known_as or str(real(path)), size, content.hexdigest())
 
 
 def _files(path: Path) -> list[Path]:
@@ -73,7 +74,7 @@ def _files(path: Path) -> list[Path]:
         pictures = sorted(file for file in path.iterdir() if file.suffix.lower() in PICTURES)
         return [path / TIMES, *pictures[:: max(1, len(pictures) // BLOCKS)]]
     files = [path] if path.is_file() else find_files(path)[0]
-    more = [Path(f"{file.resolve()}{end}") for file in files for end in _COMPANIONS]
+    more = [Path(f"{real(file)}{end}") for file in files for end in _COMPANIONS]
     return files + [file for file in more if file.is_file()]
 
 

@@ -74,8 +74,9 @@ def run_evaluation(
     VisualCompassError
         An experiment, a world or a method is unknown, or a bag or a file cannot be used.
     """
-    if json_file is not None and json_file.exists() and not force:
+    if json_file is not None and os.path.exists(json_file) and not force:
         _read_earlier(json_file)
+    refuse_existing(json_file, force=True, inputs=[*map(Path, what), *yaws])
     files = [Path(name) for name in what if name not in EXPERIMENTS and Path(name).exists()]
     earlier = [path for path in files if path.suffix == ".json"]
     saved = join_saved(earlier)
