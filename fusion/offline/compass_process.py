@@ -25,7 +25,7 @@ from compass.tilt import Vector
 from fusion.offline.looks import Look, Upright, seen_by
 from fusion.offline.streams import Frame
 
-WORTH_IT = 200  # panoramas; fewer take less time than a process needs to start
+WORTH_IT = 200  # panoramas; of fewer a compass here has seen many by the time that another process has started
 MOST_AHEAD = 16  # panoramas; so many take 0.1 s, longer than a step of the filter ever does
 MOST_BYTES = 64 << 20  # of them; two, however large they are
 ONE_THREAD = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENCV_FOR_THREADS_NUM")

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from itertools import chain
 from operator import attrgetter
+from typing import TYPE_CHECKING
 
 from compass import CompassConfig, CompassStatus, YawIncrement
 from compass.tilt import Vector
@@ -16,7 +17,9 @@ from fusion.checks.warnings import Warning
 from fusion.imu.tilt import TiltLog
 from fusion.offline.streams import Frame, Recording
 from fusion.samples import GyroSample
-from fusion.settings import Settings
+
+if TYPE_CHECKING:
+    from fusion.settings import Settings
 
 Upright = tuple[Frame, Vector | None]  # a panorama, and the vertical in the robot's frame, where it is known
 
