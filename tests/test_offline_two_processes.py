@@ -1,12 +1,14 @@
 """The compass in a process of its own: the same results, and what happens when either process ends."""
 
 import dataclasses
+import heapq
 import os
 import signal
 import subprocess
 import sys
 import time
 from itertools import islice
+from operator import attrgetter
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -16,7 +18,7 @@ from tiny_bags import START_NS, TinyBag, TinyDrive, fill
 
 from compass import CompassConfig, CompassStatus, ConfigError, ImageError, register_method
 from compass.methods.registry import find_method
-from fusion import GyroSample, Warning
+from fusion import FusionConfig, GyroSample, Warning, YawPipeline
 from fusion.offline import compass_process, fuse, fuse_bag
 from fusion.offline.cli import main
 from fusion.offline.compass_process import MOST_AHEAD, CompassProcess, can_have_process
@@ -33,9 +35,9 @@ class FaultyRecording:
     """A tilted robot whose camera repeats, darkens, changes its size, and stamps backward; more is wrong at each."""
 
     def __init__(self, count: int = 60) -> None:
-        up = (0.1, -0.05, float(np.sqrt(1.0 - 0.0125)))
         stamps = range(START_NS, START_NS + count * STEP_NS, 5_000_000)
-        self.gyro = GyroTrack.of(GyroSample(t_ns, 0.5, up=up, cross_rate=0.01) for t_ns in stamps)
+        samples = (GyroSample(t_ns, 0.5, up=upright((t_ns - START_NS) * 1e-9), cross_rate=0.01) for t_ns in stamps)
+        self.gyro = GyroTrack.of(samples)
         self.odometry, self.truth, self.frame_count = NO_ODOMETRY, None, count
         self.warnings: list[Warning] = []
 
@@ -55,6 +57,12 @@ class FaultyRecording:
                 yield Frame(START_NS + i * STEP_NS - (2 * STEP_NS if i == 31 else 0), image)
             else:
                 yield Frame(START_NS + i * STEP_NS, np.dstack([image, image, image]), "rgb8")
+
+
+def upright(t):
+    """The vertical in the frame of a robot that sways, a unit vector."""
+    x, y = 0.1 * float(np.sin(3.0 * t)), -0.05
+    return x, y, float(np.sqrt(1.0 - x**2 - y**2))
 
 
 def still(images):
@@ -104,6 +112,22 @@ def test_run_with_two_processes_is_the_same_to_the_bit():
     assert here.compass_counts[CompassStatus.SIZE_CHANGED] == here.compass_counts[CompassStatus.BACKWARD_STAMP] == 1
     for name in ("rows", "compass_counts", "fusion_counts", "gates", "warnings"):
         assert repr(getattr(elsewhere, name)) == repr(getattr(here, name)), name
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.07, -0.02])
+def test_looks_are_what_the_pipeline_sees_that_is_given_all_by_its_stamp(delay):
+    settings = dataclasses.replace(Settings(), fusion=FusionConfig(camera_delay=delay))
+    recording, pipeline = FaultyRecording(30), YawPipeline(fusion_config=settings.fusion)
+    expected = []
+    for event in heapq.merge(recording.gyro.samples(), recording.frames(), key=attrgetter("t_ns")):
+        if isinstance(event, Frame):
+            increment = pipeline.add_image(event.t_ns, event.image, event.encoding)
+            expected.append((increment, pipeline.compass.status, pipeline.compass.yaw_variance))
+        else:
+            pipeline.add(event)
+    looks = Looks(recording, settings)
+    assert [(look.increment, look.status, look.yaw_variance) for look in looks] == expected
+    assert looks.counts == pipeline.compass.counts
 
 
 @pytest.mark.parametrize("images", [0, 1, MOST_AHEAD, 40])
