@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from typing import Any
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
 
 import numpy.typing as npt
 
@@ -16,6 +17,9 @@ from fusion.config import FusionConfig
 from fusion.imu.tilt import TiltLog
 from fusion.samples import GyroSample, YawEstimate
 from fusion.yaw_fusion import YawFusion
+
+if TYPE_CHECKING:
+    from compass import VisualCompass
 
 
 class YawPipeline:
@@ -32,18 +36,25 @@ class YawPipeline:
     """
 
     def __init__(self, compass_config: CompassConfig | None = None, fusion_config: FusionConfig | None = None) -> None:
-        from compass import VisualCompass  # type: ignore[attr-defined,unused-ignore]
-
         self.tilts = TiltLog()
-        self.warning_sources: list[Callable[[], Iterable[Warning]]] = []
+        self.warning_sources: list[Callable[[], Iterable[Warning]]] = [self._image_warnings]
         self._log = WarningLog()
-        self.warning_sources.append(lambda: image_warnings(self.compass))
         self._refusals = RefusalWatch()
         self.fusion = YawFusion(fusion_config)
+        self._compass_config = compass_config or CompassConfig()
+        self.long_baseline: YawIncrement | None = None
+
+    @cached_property
+    def compass(self) -> VisualCompass:
+        """The compass, made when it is first asked for: who gives increments made elsewhere needs none."""
+        from compass import VisualCompass  # type: ignore[attr-defined,unused-ignore]
+
         # the delay as given: what is learnt beyond it would depend on who came late
         known_ns = round(1e9 * self.fusion.config.camera_delay)
-        self.compass = VisualCompass(compass_config or CompassConfig(), lambda t_ns: self.tilts.at(t_ns - known_ns))
-        self.long_baseline: YawIncrement | None = None
+        return VisualCompass(self._compass_config, lambda t_ns: self.tilts.at(t_ns - known_ns))
+
+    def _image_warnings(self) -> list[Warning]:
+        return image_warnings(self.compass) if "compass" in vars(self) else []
 
     def measure_image(self, t_ns: int, image: npt.NDArray[Any], encoding: str = "") -> YawIncrement | None:
         """What the compass makes of a panorama captured at `t_ns`, not fused: half of `add_image`.
@@ -95,5 +106,6 @@ class YawPipeline:
         self.tilts.clear()
         self._log.clear()
         self._refusals.clear()
-        self.compass.reset()
+        if "compass" in vars(self):
+            self.compass.reset()
         self.fusion.reset()

@@ -12,8 +12,7 @@ from matplotlib.figure import Figure
 from tiny_bags import START_NS, TinyBag, TinyDrive, fill
 
 from compass.config import CompassConfig
-from fusion import GyroSample, Sensor, Warning
-from fusion.offline import run as run_module
+from fusion import GyroSample, Sensor, Warning, YawPipeline
 from fusion.offline.bag import Bag
 from fusion.offline.bands import LANES, shade_warnings
 from fusion.offline.cli import main
@@ -49,7 +48,7 @@ def wrong(monkeypatch):
     """Let every offline pipeline say what a function of the seconds since `START_NS` returns."""
 
     def install(warnings_at):
-        class Pipeline(run_module.YawPipeline):
+        class Pipeline(YawPipeline):
             def __init__(self, *configs):
                 super().__init__(*configs)
                 self.warning_sources.append(self.say)
@@ -58,7 +57,7 @@ def wrong(monkeypatch):
                 newest = self.fusion.estimate()
                 return warnings_at((newest.t_ns - START_NS) / SECOND) if newest else []
 
-        monkeypatch.setattr(run_module, "YawPipeline", Pipeline)
+        monkeypatch.setattr("fusion.YawPipeline", Pipeline)
 
     return install
 

@@ -114,6 +114,7 @@ def run_task(task: BagTask, progress: Progress = lambda part: None) -> BagOutcom
                 progress=progress,
                 report=task.report,
                 rerun=task.rerun,
+                two_processes=False,  # the others have the other cores
             )
         return outcome(FUSED, summary=fused.summary)
     except VisualCompassError as error:

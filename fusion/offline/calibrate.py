@@ -69,9 +69,9 @@ def calibrate_bag(
     refuse_existing(out, force=force, begins=_HEADER.encode(), inputs=inputs)
     refuse_existing(out.with_name(mask_name(out)), force=force or os.path.exists(out), inputs=inputs)
     refuse_existing(picture, force=force, inputs=inputs)
-    with open_recording(path, settings, request, sensors) as read:
+    with open_recording(path, settings, request, sensors) as opened:
         with progress_bar("reading samples") as progress:
-            recording = read(progress)
+            recording = opened.read(progress)
         left_out = any(one.sensor == Sensor.COMPASS.value for one in recording.warnings)  # is said below
         if recording.topics["image"] is None and not left_out:
             raise BagError(f"{path}: no panoramas in it; name their topic with --image-topic")

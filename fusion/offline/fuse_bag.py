@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -15,12 +15,15 @@ from compass.files import real
 from compass.images.strip import rows_used
 from fusion.offline.atomic_output import staged_folder
 from fusion.offline.bag import BagError
+from fusion.offline.compass_process import CompassProcess, can_have_process
 from fusion.offline.console import progress_bar
 from fusion.offline.crop import cropped
 from fusion.offline.earlier_results import OPTIONAL, check_place, settings_hash
 from fusion.offline.image_files import SensorFiles
-from fusion.offline.open_recording import Read, open_recording
-from fusion.offline.plot import plot_run
+from fusion.offline.loading import load_in_turn
+from fusion.offline.looks import Looks
+from fusion.offline.open_recording import Opened, open_recording
+from fusion.offline.plot import LIBRARY, plot_run
 from fusion.offline.recording import BagRecording
 from fusion.offline.report.page import FILE as REPORT
 from fusion.offline.report.page import check_bokeh, write_report
@@ -61,6 +64,7 @@ def fuse_bag(
     sensors: SensorFiles | None = None,
     report: bool = False,
     rerun: bool = False,
+    two_processes: bool = True,
 ) -> Fused:
     """Fuse a bag, a video or a folder of images and write the results.
 
@@ -88,6 +92,8 @@ def fuse_bag(
         CSV files of the other sensors, beside a video or a folder of images.
     report, rerun : bool
         Whether to write ``report.html``, and ``run.rrd`` for the Rerun viewer, too.
+    two_processes : bool
+        Whether the compass may have a process of its own; the results are the same.
 
     Raises
     ------
@@ -111,8 +117,10 @@ def fuse_bag(
         check_place(out, source, force=force, inputs=inputs)
 
     check()
-    with open_recording(path, settings, request, sensors) as read, staged_folder(out, OPTIONAL) as staging:
-        run, summary, watched = fuse_opened(path, read, used, source, progress, whole=report or rerun)
+    with open_recording(path, settings, request, sensors) as opened, staged_folder(out, OPTIONAL) as staging:
+        run, summary, watched = fuse_opened(
+            path, opened, used, source, progress, whole=report or rerun, two_processes=two_processes, load=LIBRARY
+        )
         write_results(staging, run, used, summary, watched.pictures)
         plot_run(run, staging / "yaw.png", f"{path.name}: yaw")
         if report:
@@ -124,25 +132,41 @@ def fuse_bag(
 
 
 def fuse_opened(
-    path: Path, read: Read, used: Settings, source: Source, progress: Progress | None = None, *, whole: bool = False
+    path: Path,
+    opened: Opened,
+    used: Settings,
+    source: Source,
+    progress: Progress | None = None,
+    *,
+    whole: bool = False,
+    two_processes: bool = True,
+    load: Sequence[str] = (),
 ) -> tuple[FusedRun, dict[str, Any], Thumbnails]:
     """The run, the summary and small pictures of a recording that is open; nothing is written.
 
-    The pictures show the `whole` of the panoramas, or what of them the compass sees, which is quicker.
+    The pictures show the `whole` of the panoramas, or what of them the compass sees, which is quicker. Modules that the
+    caller needs later are loaded meanwhile, where the compass has a process of its own.
 
     Raises
     ------
     VisualCompassError
         It is damaged, or none of its samples can be used.
     """
-    with _shown("reading samples", progress, 0.0, 0.1) as part:
-        recording = cropped(read(part), used.offline)
-    bottom = 1.0
-    if isinstance(recording, BagRecording) and not whole:
-        bottom = recording.bottom = rows_used(used.compass)
-    watched = Thumbnails(recording, bottom)
-    with _shown("fusing", progress, 0.1, 1.0) as part:
-        run = fuse_recording(watched, used, part)
+    with ExitStack() as stack:
+        see = None
+        if two_processes and can_have_process(used.compass, opened.panoramas):
+            see = stack.enter_context(CompassProcess(used.compass)).see
+        with _shown("reading samples", progress, 0.0, 0.1) as part:
+            recording = cropped(opened.read(part), used.offline)
+        bottom = 1.0
+        if isinstance(recording, BagRecording) and not whole:
+            bottom = recording.bottom = rows_used(used.compass)
+        watched = Thumbnails(recording, bottom)
+        looks = Looks(watched, used, see)
+        if see is not None:
+            looks.look_ahead_while(load_in_turn("fusion.pipeline", *load))
+        with _shown("fusing", progress, 0.1, 1.0) as part:
+            run = fuse_recording(watched, used, part, looks)
     if not run.rows:
         raise BagError(f"{path}: no sample was usable: {_reasons(recording.dropped + run.fusion_counts)}")
     if used.offline.smooth:

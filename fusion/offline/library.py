@@ -144,9 +144,9 @@ def fuse(
     if report and out is None:
         raise ArgumentError("report=True writes a file; give out, the folder for it")
     if out is None:
-        with open_recording(where, settings, request, files) as read:
+        with open_recording(where, settings, request, files) as opened:
             used = settings_as_used(settings, request, smooth=smooth)
-            details, summary, _ = fuse_opened(where, read, used, source_of(where))
+            details, summary, _ = fuse_opened(where, opened, used, source_of(where))
         return _finished(details, summary, None)
     done = fuse_bag(where, _path("out", out), settings, request, smooth=smooth, sensors=files, report=report)
     return _finished(done.run, done.summary, done.folder)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 
 from fusion.offline.bag import Bag, BagError
@@ -19,7 +20,14 @@ from fusion.settings import Settings
 log = logging.getLogger(__name__)
 
 FileRecording = BagRecording | ImageRecording
-Read = Callable[[Progress], FileRecording]
+
+
+@dataclass(frozen=True, slots=True)
+class Opened:
+    """A recording that is open: what reads all but the panoramas, and how many of these there are."""
+
+    read: Callable[[Progress], FileRecording]
+    panoramas: int
 
 
 def images_of(path: Path, video_start_ns: int | None = None) -> Images | None:
@@ -38,8 +46,8 @@ def images_of(path: Path, video_start_ns: int | None = None) -> Images | None:
 @contextmanager
 def open_recording(
     path: Path, settings: Settings, request: TopicRequest | None = None, sensors: SensorFiles | None = None
-) -> Iterator[Read]:
-    """Open a bag, a video or a folder of images; gives a function that reads all but the panoramas.
+) -> Iterator[Opened]:
+    """Open a bag, a video or a folder of images.
 
     Parameters
     ----------
@@ -66,7 +74,7 @@ def open_recording(
             raise ImageFileError(f"{path}: --video-start is for videos; the times of images are in {TIMES}")
         for role, file in (("image", path), ("gyro", sensors.gyro), ("odometry", sensors.odometry)):
             log.info("%s: %s", role, file or "none")
-        yield lambda progress: read_image_recording(images, sensors, settings.imu, columns)
+        yield Opened(lambda progress: read_image_recording(images, sensors, settings.imu, columns), images.count)
         return
     if sensors:
         raise BagError(f"{path}: --gyro, --odometry, --truth and --video-start go with a video or a folder of images")
@@ -76,4 +84,5 @@ def open_recording(
         for role in ("image", "gyro", "odometry", "truth"):
             topic = getattr(choice, role)
             log.info("%s: %s", role, f"{topic.name} ({topic.short_type}, {topic.count})" if topic else "none")
-        yield lambda progress: read_recording(bag, choice, settings.imu, columns, progress)
+        panoramas = choice.image.count if choice.image else 0
+        yield Opened(lambda progress: read_recording(bag, choice, settings.imu, columns, progress), panoramas)

@@ -37,6 +37,7 @@ SENSOR_COLOURS = {Sensor.COMPASS: COLOURS[COMPASS], Sensor.GYRO: COLOURS[GYRO], 
 WIDTH = 11.0  # inches
 LABELS = 0.4  # inches from the left edge to the panels' labels; between them and the panels are the ticks'
 LARGEST = 1e9  # on an axis, in its unit; beyond, numbers are nonsense, and matplotlib finds no ticks
+LIBRARY = ("matplotlib.figure", "matplotlib.backends.backend_agg")  # loaded when a plot is drawn
 MOST_POINTS = 2000  # per curve; more cannot be seen
 CJK_FONTS = (
     *("Noto Sans CJK JP", "Noto Sans CJK SC", "Noto Serif CJK JP", "WenQuanYi Zen Hei", "WenQuanYi Micro Hei"),

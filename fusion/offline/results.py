@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from fusion import YawEstimate
 from fusion.buffer.events import Sensor
 from fusion.offline.bag_writer import BagWriter
 from fusion.offline.earlier_results import SUMMARY
@@ -19,6 +18,7 @@ from fusion.offline.run import FusedRun, Row
 from fusion.offline.scores import yaw_at
 from fusion.offline.streams import Floats, Times, TruthTrack
 from fusion.offline.topics import camera_topic
+from fusion.samples import YawEstimate
 from fusion.settings import Settings, absent, dump_settings, in_bag
 
 DIAGNOSTICS_EVERY_NS = 1_000_000_000

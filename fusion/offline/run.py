@@ -13,12 +13,14 @@ import numpy as np
 import numpy.typing as npt
 
 from compass import CompassStatus, YawIncrement
-from fusion import GyroSample, OdometrySample, Warning, YawEstimate, YawPipeline, smooth
 from fusion.buffer.events import Sample, Sensor
 from fusion.checks.gate import SensorReport
+from fusion.checks.warnings import Warning
 from fusion.compass_rate import CompassRate
-from fusion.offline.streams import Frame, GyroTrack, OdometryTrack, Progress, Recording, TruthTrack
+from fusion.offline.looks import Look, Looks
+from fusion.offline.streams import GyroTrack, OdometryTrack, Progress, Recording, TruthTrack
 from fusion.offline.warning_history import Warned, WarningHistory
+from fusion.samples import GyroSample, OdometrySample, YawEstimate
 from fusion.settings import Settings
 
 LONGEST_SILENCE_NS = 100_000_000  # without images there is a row at least this often
@@ -123,17 +125,20 @@ class FusedRun:
         return np.array([row.t_ns for row in self.rows], np.int64)
 
 
-def fuse_recording(recording: Recording, settings: Settings, progress: Progress = lambda part: None) -> FusedRun:
-    """Run a recording through compass and filter, every sample at its stamp."""
+def fuse_recording(
+    recording: Recording, settings: Settings, progress: Progress = lambda part: None, looks: Looks | None = None
+) -> FusedRun:
+    """Run a recording through compass and filter, every sample at its stamp; `looks` may have begun already."""
+    looks = looks or Looks(recording, settings)
     run = _Run(settings)
-    run.pipeline.warning_sources.append(lambda: recording.warnings)
+    run.pipeline.warning_sources.append(lambda: looks.warnings)
     total = recording.gyro.t_ns.size + recording.odometry.t_ns.size + recording.frame_count
-    for count, event in enumerate(_events(recording)):
+    for count, event in enumerate(_events(recording, looks)):
         run.take(event)
         progress(count / total)
     warnings = run.close()
     progress(1.0)
-    counts = run.pipeline.compass.counts, run.pipeline.fusion.counts
+    counts = looks.counts, run.pipeline.fusion.counts
     gates = run.reports()
     tracks = recording.gyro, recording.odometry, recording.truth
     return FusedRun(run.rows, *tracks, *counts, gates, warnings, settings.fusion.initial_yaw)
@@ -141,18 +146,20 @@ def fuse_recording(recording: Recording, settings: Settings, progress: Progress 
 
 def smooth_run(run: FusedRun, settings: Settings) -> None:
     """Give the rows of a run their smoothed estimates."""
+    from fusion import smooth  # type: ignore[attr-defined,unused-ignore]
+
     increments = (one for row in run.rows if row.compass for one in row.compass.increments())
     samples: list[Sample] = [*run.gyro.samples(), *run.odometry.samples(), *increments]
     smoothed = {estimate.t_ns: estimate for estimate in smooth(samples, settings.fusion)}
     run.rows = [replace(row, smoothed=smoothed.get(row.t_ns)) for row in run.rows]
 
 
-Event = GyroSample | OdometrySample | Frame
+Event = GyroSample | OdometrySample | Look
 
 
-def _events(recording: Recording) -> Iterator[Event]:
+def _events(recording: Recording, looks: Looks) -> Iterator[Event]:
     """All samples by stamp; at equal stamps the image comes last and so sees all that is known of its time."""
-    streams = (recording.gyro.samples(), recording.odometry.samples(), recording.frames())
+    streams = (recording.gyro.samples(), recording.odometry.samples(), looks)
     return heapq.merge(*streams, key=attrgetter("t_ns"))
 
 
@@ -160,8 +167,12 @@ class _Run:
     """The pipeline with a notebook."""
 
     def __init__(self, settings: Settings) -> None:
+        from fusion import YawPipeline  # type: ignore[attr-defined,unused-ignore]
+
         self.pipeline = YawPipeline(settings.compass, settings.fusion)
         self.rows: list[Row] = []
+        self.pipeline.warning_sources.append(lambda: self._image_warnings)
+        self._image_warnings: tuple[Warning, ...] = ()
         self._rate = CompassRate()
         self._reported: dict[Sensor, int] = {}
         self._last_ns: int | None = None
@@ -169,9 +180,8 @@ class _Run:
 
     def take(self, event: Event) -> None:
         """Feed one event and note a row where one is due."""
-        if isinstance(event, Frame):
-            reading = self._look(event)
-            self._note(event.t_ns, reading)
+        if isinstance(event, Look):
+            self._note(event.t_ns, self._read(event))
         elif self.pipeline.add(event):
             self._last_ns = event.t_ns
             if not self.rows or event.t_ns - self.rows[-1].t_ns > LONGEST_SILENCE_NS:
@@ -188,16 +198,15 @@ class _Run:
         """How the samples of each sensor that has given any fared at the gate so far."""
         return {sensor: report for sensor, report in self.pipeline.fusion.reports().items() if report}
 
-    def _look(self, frame: Frame) -> CompassReading:
-        increment = self.pipeline.add_image(frame.t_ns, frame.image, frame.encoding)
-        compass = self.pipeline.compass
-        if increment is None:
-            return CompassReading(compass.status)
-        rate, variance = self._rate.update(increment)
-        sigma = math.sqrt(compass.yaw_variance)
-        return CompassReading(
-            compass.status, increment, compass.yaw, sigma, rate, variance, self.pipeline.long_baseline
-        )
+    def _read(self, look: Look) -> CompassReading:
+        self._image_warnings = look.warnings
+        for one in look.increments():
+            self.pipeline.add(one)
+        if look.increment is None:
+            return CompassReading(look.status)
+        rate, variance = self._rate.update(look.increment)
+        sigma = math.sqrt(look.yaw_variance)
+        return CompassReading(look.status, look.increment, look.yaw, sigma, rate, variance, look.long_baseline)
 
     def _note(self, t_ns: int, reading: CompassReading | None) -> None:
         reports = self.reports()

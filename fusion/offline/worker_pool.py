@@ -16,17 +16,17 @@ from multiprocessing import get_context
 from multiprocessing.connection import Connection, wait
 
 from fusion.offline.bag_task import FAILED, BagOutcome, BagTask, run_task
+from fusion.offline.compass_process import ONE_THREAD, ended
 
 Part = Callable[[BagTask, float], None]  # takes the finished part of a task, 0..1
 
 _TELL_EVERY_S = 0.2
 _END_WITHIN_S = 10.0  # to take away what is half written; then it is killed, and the next run takes it away
-_ONE_THREAD = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 
 
 def run_in_processes(tasks: Sequence[BagTask], jobs: int, on_part: Part) -> Iterator[BagOutcome]:
     """Outcomes as they come; whatever ends this iteration ends the processes, and they leave nothing half written."""
-    for name in _ONE_THREAD:
+    for name in ONE_THREAD:
         os.environ.setdefault(name, "1")  # inherited
     waiting, workers = deque(tasks), [_Worker() for _ in range(min(jobs, len(tasks)))]
     try:
@@ -80,7 +80,8 @@ class _Worker:
             message = self.connection.recv()
         except (EOFError, OSError):
             self._process.join()
-            message = BagOutcome(task.bag, task.folder, FAILED, f"{task.bag}: {_death(self._process.exitcode)}")
+            how = ended(self._process.exitcode, " try fewer --jobs")
+            message = BagOutcome(task.bag, task.folder, FAILED, f"{task.bag}: its process {how}")
         if isinstance(message, BagOutcome):
             self.task = None
             return message
@@ -96,13 +97,6 @@ class _Worker:
             self._process.kill()
             self._process.join()
         self.connection.close()
-
-
-def _death(exitcode: int | None) -> str:
-    if exitcode is not None and exitcode < 0:
-        name = signal.Signals(-exitcode).name
-        return f"its process was ended by {name}" + "; was memory short? try fewer --jobs" * (name == "SIGKILL")
-    return f"its process ended with exit code {exitcode}"
 
 
 def _serve(connection: Connection) -> None:

@@ -1,0 +1,138 @@
+"""What the compass makes of a recording's panoramas, one by one: all that filter and rows need of them."""
+
+from __future__ import annotations
+
+import heapq
+from collections import Counter, deque
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from itertools import chain
+from operator import attrgetter
+from typing import TYPE_CHECKING
+
+from compass import CompassConfig, CompassStatus, YawIncrement
+from compass.tilt import Vector
+from fusion.checks.images import image_warnings
+from fusion.checks.warnings import Warning
+from fusion.imu.tilt import TiltLog
+from fusion.offline.streams import Frame, Recording
+from fusion.samples import GyroSample
+
+if TYPE_CHECKING:
+    from fusion.settings import Settings
+
+Upright = tuple[Frame, Vector | None]  # a panorama, and the vertical in the robot's frame, where it is known
+
+
+@dataclass(frozen=True, slots=True)
+class Look:
+    """What the compass made of one panorama.
+
+    Attributes
+    ----------
+    t_ns : int
+        Its stamp.
+    status : CompassStatus
+        Outcome of the update.
+    increment, long_baseline : YawIncrement or None
+        The turn since the keyframe, and that since a view some seconds ago, where it was due.
+    yaw, yaw_variance : float
+        Accumulated, rad, and its variance, rad^2.
+    warnings : tuple of Warning
+        What is known from then on to be wrong with the images.
+    """
+
+    t_ns: int
+    status: CompassStatus
+    increment: YawIncrement | None
+    long_baseline: YawIncrement | None
+    yaw: float
+    yaw_variance: float
+    warnings: tuple[Warning, ...]
+
+    def increments(self) -> list[YawIncrement]:
+        """All that the filter is given."""
+        return [one for one in (self.increment, self.long_baseline) if one is not None]
+
+
+See = Callable[[Iterable[Upright]], Iterator[Look]]
+
+
+def seen_by(config: CompassConfig) -> See:
+    """A compass that is given the vertical with each panorama."""
+    from compass import VisualCompass  # type: ignore[attr-defined,unused-ignore]
+
+    vertical: Vector | None = None
+    compass = VisualCompass(config, lambda t_ns: vertical)
+
+    def see(frames: Iterable[Upright]) -> Iterator[Look]:
+        nonlocal vertical
+        for frame, up in frames:
+            vertical = up
+            increment = compass.update(frame.t_ns, frame.image, frame.encoding)
+            long_baseline, warnings = compass.long_baseline(), tuple(image_warnings(compass))
+            found = increment, long_baseline, compass.yaw, compass.yaw_variance
+            yield Look(frame.t_ns, compass.status, *found, warnings)
+
+    return see
+
+
+class Looks:
+    """The looks at a recording's panoramas by their stamps; it may be gone through once.
+
+    They do not depend on the filter, so that `see` may be ahead of whoever takes them.
+
+    Parameters
+    ----------
+    recording : Recording
+        What is looked at.
+    settings : Settings
+        Of the compass, and how late the camera's stamps are.
+    see : callable, optional
+        The compass; one of its own in this process, where there is none.
+
+    Attributes
+    ----------
+    counts : Counter of CompassStatus
+        Outcomes so far.
+    warnings : sequence of Warning
+        What was wrong with the recording as far as it had been read for the last look.
+    """
+
+    def __init__(self, recording: Recording, settings: Settings, see: See | None = None) -> None:
+        self._recording = recording
+        # the delay as given: what is learnt beyond it would depend on who came late
+        self._known_ns = round(1e9 * settings.fusion.camera_delay)
+        self._seen = (see or seen_by(settings.compass))(self._upright())
+        self._ready: deque[Look] = deque()
+        self._warnings: deque[tuple[Warning, ...]] = deque()  # of the panoramas that are under way or ready
+        self.counts: Counter[CompassStatus] = Counter()
+        self.warnings: tuple[Warning, ...] = ()
+
+    def look_ahead_while(self, busy: Callable[[], bool]) -> None:
+        """Begin already, until whoever takes the looks is no longer busy elsewhere."""
+        while busy() and (look := next(self._seen, None)) is not None:
+            self._ready.append(look)
+
+    def __iter__(self) -> Iterator[Look]:
+        for look in chain(_emptied(self._ready), self._seen):
+            self.warnings = self._warnings.popleft()
+            self.counts[look.status] += 1
+            yield look
+        self.warnings = tuple(self._recording.warnings)
+
+    def _upright(self) -> Iterator[Upright]:
+        """Panoramas with the vertical that `YawPipeline` knows when it is given all samples by their stamps."""
+        tilts, streams = TiltLog(), (self._recording.gyro.samples(), self._recording.frames())
+        events: Iterable[GyroSample | Frame] = heapq.merge(*streams, key=attrgetter("t_ns"))
+        for event in events:
+            if isinstance(event, Frame):
+                self._warnings.append(tuple(self._recording.warnings))
+                yield event, tilts.at(event.t_ns - self._known_ns)
+            else:
+                tilts.add(event)
+
+
+def _emptied(ready: deque[Look]) -> Iterator[Look]:
+    while ready:
+        yield ready.popleft()
