@@ -36,8 +36,8 @@ MUTANTS = (
     Mutant(
         "red-taken-for-blue",
         "compass/images/decode.py",
-        "cv2.COLOR_BGR2GRAY))",
-        "cv2.COLOR_RGB2GRAY))",
+        "cv2.COLOR_BGR2GRAY if",
+        "cv2.COLOR_RGB2GRAY if",
         _tests("test_compass_image"),
     ),
     Mutant(
