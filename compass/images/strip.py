@@ -25,6 +25,7 @@ Spectrum = npt.NDArray[np.complex64]
 
 SMOOTHED_ROWS = 40
 UPRIGHT_ROWS = 24  # what rises or sinks by less than such a row does not disturb how far it moved sideways
+MIN_TEXTURE = 1.1  # grey values of 255; camera noise of 4 alone leaves 0.9 at 1024 columns
 _SOFT = np.array([0.25, 0.5, 0.25], np.float32)  # a kernel across neighbours
 _ALONE = np.ones(1, np.float32)  # and one that leaves them as they are
 

@@ -21,6 +21,7 @@ from compass.features.tracking import Tracks, track
 from compass.flow.coarse_shift import CoarseShift, coarse_shift, quantile
 from compass.flow.correlation import signed, upright_spectrum
 from compass.flow.pure_turn import pooled_turn, turn_variance
+from compass.images.seen import MAST
 from compass.images.strip import Strip
 from compass.increment import CompassStatus
 from compass.methods.match import Match, Search
@@ -28,7 +29,6 @@ from compass.methods.sector_median import match_small
 
 MIN_COLUMNS = 256  # columns; with fewer a patch is larger than what it shows
 MIN_ROWS = 4 * HALF  # rows
-PART = 0.1  # of the circle, hidden in one piece: a camera that does not see all round; a mast or a cable hides less
 UNRELATED_PX = 0.18  # a deviation beyond it: no motion explains the corners, they show another place; not derived
 MAJORITY = 0.5  # of a keyframe's corners: where more are inliers of one motion, no other motion has as many
 # Pixels from image to image; corners that move by less are expected to go on so, and need no pyramid, which saves a
@@ -123,7 +123,7 @@ def _widest_gap(column: Floats, columns: int) -> float:
 
 def _sees_part(strip: Strip) -> bool:
     """Whether the camera itself does not see all round, so that travel sideways may look like a turn."""
-    return strip.seen is not None and strip.seen.widest_hidden > PART
+    return strip.seen is not None and strip.seen.widest_hidden > MAST
 
 
 def _common_parallax(key: Keyframe, problem: Problem, match: Match) -> float:

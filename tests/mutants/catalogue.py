@@ -85,8 +85,8 @@ MUTANTS = (
     Mutant(
         "half-a-circle-not-told",
         "compass/images/full_circle.py",
-        "OPEN = 0.5",
-        "OPEN = 5.0",
+        "HALFWAY = 0.5",
+        "HALFWAY = 5.0",
         _tests("test_compass_circle"),
     ),
     # ------------------------------------------------------------ compass/flow
@@ -265,7 +265,7 @@ MUTANTS = (
     ),
     Mutant(
         "noise-taken-for-texture",
-        "compass/visual_compass.py",
+        "compass/images/strip.py",
         "MIN_TEXTURE = 1.1",
         "MIN_TEXTURE = 0.1",
         _tests("test_compass_status"),
