@@ -150,7 +150,7 @@ def synthetic(count=200, outliers=0.0, seed=0, pushed=True):
     moved[wrong] += 10.0 * PER_PX * (rng.normal(size=wrong.sum()) + 1j * rng.normal(size=wrong.sum()))
     covariance = np.stack([np.full(count, SIGMA**2, complex), np.zeros(count, complex)])
     precision = np.array([0.0, 400.0, 400.0, 0.0, 200.0])
-    return Problem(tangents, moved, tangents.rotating(now), start, covariance, start, precision, PER_PX)
+    return Problem(tangents, moved, tangents.rotating(now), start, covariance, start, precision, PER_PX, PER_PX)
 
 
 @pytest.mark.parametrize("outliers", [0.0, 0.25])

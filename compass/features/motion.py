@@ -88,19 +88,19 @@ class Motion:
         fit = ascend(problem, trials.only(trials.best), NEXT_PX * per_column)
         if continued is not None and continued.log_posterior[0] > fit.log_posterior[0]:
             fit = continued
-        fit.ambiguity = ambiguity(trials.states[:, YAW], trials.log_posterior, fit)
+        fit.ambiguity = ambiguity(trials.states[:, YAW], trials.log_posterior - fit.log_posterior[0], fit)
         self.travels = bool(fit.log_posterior[0] > turned.log_posterior[0])
         return fit if self.travels else turned
 
 
-def ambiguity(yaw: Floats, log_posterior: Floats, fit: Fit) -> float:
-    """Variance of a yaw that could be another one of those tried, at their posterior odds, rad^2.
+def ambiguity(yaw: Floats, log_odds: Floats, fit: Fit) -> float:
+    """Variance of a yaw that could as well be one of those tried, at its odds, rad^2: the largest.
 
-    `yaw` (rad) and `log_posterior` are (k,) of what was tried.
+    `yaw` (rad) and `log_odds` against the fit are (k,) of what was tried.
     """
-    odds = np.exp(INDEPENDENT * np.minimum(log_posterior - fit.log_posterior[0], 0.0))
+    odds = np.exp(INDEPENDENT * np.minimum(log_odds, 0.0))
     apart = (yaw - fit.states[0, YAW] + math.pi) % math.tau - math.pi
-    return float(odds @ apart**2 / (1.0 + odds.sum()))
+    return float((odds / (1.0 + odds) * apart**2).max())
 
 
 def parallax_score(turned: Fit, problem: Problem) -> float:

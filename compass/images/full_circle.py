@@ -123,7 +123,7 @@ class CircleCheck:
         """Take in an image that has texture, with the strip cut out of it."""
         self._count += 1
         every = EVERY if self._views <= 2 * VIEWS else 10 * EVERY  # a look takes half as long as an update
-        if (self._count - 1) % every:
+        if (self._count - 1) % every or strip.columns < 4 * (BORDER_PX + 1):
             return
         self._looked += 1
         self._discs += _two_discs(image, encoding)

@@ -9,7 +9,7 @@ import numpy as np
 
 from compass.features.points import SECTORS
 from compass.flow.coarse_shift import coarse_shift, quantile
-from compass.flow.correlation import Floats, pooled_spectrum, signed
+from compass.flow.correlation import FLOOR_PX, Floats, pooled_spectrum, signed
 from compass.flow.pure_turn import pooled_turn, turn_variance
 from compass.images.strip import Pixels, Strip
 from compass.methods.match import Match, Search
@@ -22,7 +22,6 @@ CORRELATED_PIXELS = 4.0  # that share their error: smoothing, and parallax insid
 MOSTLY = 0.3  # of a sector must show the world in both strips; losing more on one side misleads their median
 SPREAD_FACTOR = 8.0  # times as far as sectors may corners move apart until the keyframe is renewed: by 8 columns, not 1
 AGREED = 1.5  # deviations: three sectors of four this near to all rows pooled saw nothing but a turn
-NOISE_FLOOR_PX = 0.01  # what interpolation and JPEG leave of a shift's error, columns; not derived
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,7 +112,7 @@ def local_shifts(
     pixels = windows.sum(axis=1) * len(before) / CORRELATED_PIXELS
     noise = 2.0 * np.clip(1.0 - height, 1e-5, None) / (pixels * np.where(inside, -bend, 1.0))
     centre = columns / sectors * np.arange(sectors)
-    sigma = np.sqrt(noise + NOISE_FLOOR_PX**2)
+    sigma = np.sqrt(noise + FLOOR_PX**2)
     return SectorShifts(centre[inside], (coarse_px - reach + lag)[inside], sigma[inside])
 
 
