@@ -7,7 +7,6 @@ from compass.methods.registry import OURS, find_method
 from compass.parameters import ParameterSet, parameter
 
 METHODS = tuple(OURS)
-PROJECTIONS = ("equirectangular", "cylinder", "fisheye", "dual_fisheye", "ring")
 
 
 @dataclass(frozen=True)
@@ -93,7 +92,7 @@ class CompassConfig(ParameterSet):
         "how the image shows what is around, see docs/cameras.md; cylinder: rows by the tangent of elevation; ring: "
         "curved mirror or ring lens. roi_top and roi_bottom then count as in a panorama from straight up (0) over the "
         "horizon (0.5) to straight down (1)",
-        choices=PROJECTIONS,
+        choices=("equirectangular", "cylinder", "fisheye", "dual_fisheye", "ring"),
     )
     image_rotation_deg: int = parameter(
         0,

@@ -19,7 +19,7 @@ from compass.images.decode import Image
 from compass.images.full_circle import CircleCheck
 from compass.images.mask import load_mask
 from compass.images.orientation import Orientation
-from compass.images.strip import Strip, prepare_strip
+from compass.images.strip import MIN_TEXTURE, Strip, prepare_strip
 from compass.increment import CompassStatus, YawIncrement
 from compass.methods.match import Match, Search
 from compass.methods.registry import find_method
@@ -31,7 +31,6 @@ from compass.unmeasured_turn import LostTurn, LostTurns
 
 UpAt = Callable[[int], Vector | None]
 
-MIN_TEXTURE = 1.1  # grey values of 255; camera noise of 4 alone leaves 0.9 at 1024 columns
 FROZEN_NS = SECOND_NS // 2  # a camera never gives the very same image for so long; a video may, frame by frame
 
 SEEK_NS = 300_000_000  # a view so old is sought by its corners, and so often: it takes as long as ten comparisons

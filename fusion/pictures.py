@@ -6,8 +6,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from compass.errors import ImageError
+from compass.images.codecs import codec_of
 from compass.images.decode import Image
-from compass.images.video import VideoDecoder, codec_of
+from compass.images.video import VideoDecoder
 from fusion.messages import image_of, stamp_to_ns
 
 _BEGIN = 8  # bytes that tell a video from a picture

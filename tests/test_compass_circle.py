@@ -142,7 +142,7 @@ def twin_ends(image):
 
 def test_half_a_circle_whose_ends_look_alike_is_told_by_what_crosses_them():
     verdict, full = verdict_of(twin_ends, frames=50), verdict_of(whole, frames=50)
-    assert abs(verdict.seam) < full_circle.OPEN
+    assert abs(verdict.seam) < full_circle.HALFWAY
     assert verdict.crossing < 0.5 < 0.95 < full.crossing
     assert "does not come in at the other" in verdict.fault
     assert full.fault == ""
@@ -175,14 +175,14 @@ def test_factor_is_not_forgotten_by_repeated_images_nor_by_another_size():
         for again in (0, 1):  # a driver that sends each image twice
             given = compass.update(START_NS + index * FRAME_NS + again * 10_000_000, image)
             if compass.circle.verdict:
-                assert given.factor_sigma == full_circle.TURN_FACTOR_SIGMA
+                assert given.factor_sigma == 0.5
     assert compass.circle.verdict
     before = compass.yaw_variance
     other = as_bytes(scene(5, 640, 320))
     compass.update(START_NS + 4 * VIEWS * FRAME_NS, other)
     again = compass.update(START_NS + 4 * VIEWS * FRAME_NS + 10_000_000, other)  # of the keyframe itself
     assert compass.circle.verdict is None
-    assert again.factor_sigma == full_circle.TURN_FACTOR_SIGMA
+    assert again.factor_sigma == 0.5
     compass.update(START_NS + (4 * VIEWS + 1) * FRAME_NS, as_bytes(shifted(scene(5, 640, 320), STEP)))
     assert compass.yaw_variance >= before
 

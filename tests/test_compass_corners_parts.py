@@ -11,10 +11,10 @@ from compass import CompassConfig
 from compass.features.bearings import Projection, Tangents, undo
 from compass.features.density import exponentially_modified
 from compass.features.motion import AGREE, Motion, parallax_score
-from compass.features.padded_strip import Picture
-from compass.features.points import cut_patches, find_corners, sample
+from compass.features.padded_strip import MARGIN, Picture
+from compass.features.points import SIDE, cut_patches, find_corners, sample
 from compass.features.solver import DIRECTION, OUTLIER, TILT_X, TILT_Y, YAW, Problem, Start, ascend, even_shares
-from compass.features.tracking import LONGEST_CORRECTION_PX, SEARCH_REACH_PX, track
+from compass.features.tracking import track
 from compass.images.strip import prepare_strip
 
 PER_PX = math.tau / 1024
@@ -115,7 +115,7 @@ def test_tracks_go_round_the_circle():
 
 @pytest.mark.parametrize("width", [256, 301, 1024])
 def test_farthest_track_is_cut_within_the_margin(width):
-    soft, farthest = picture(scene(3, width, 64)).soft, SEARCH_REACH_PX + LONGEST_CORRECTION_PX
+    soft, farthest = picture(scene(3, width, 64)).soft, MARGIN - SIDE
     for column in (-farthest, width - 0.01 + farthest):
         cut = sample(soft, np.float32([[column, 30.0]]))
         # the picture goes on round the circle
@@ -150,7 +150,7 @@ def synthetic(count=200, outliers=0.0, seed=0, pushed=True):
     moved[wrong] += 10.0 * PER_PX * (rng.normal(size=wrong.sum()) + 1j * rng.normal(size=wrong.sum()))
     covariance = np.stack([np.full(count, SIGMA**2, complex), np.zeros(count, complex)])
     precision = np.array([0.0, 400.0, 400.0, 0.0, 200.0])
-    return Problem(tangents, moved, tangents.rotating(now), start, covariance, start, precision, PER_PX)
+    return Problem(tangents, moved, tangents.rotating(now), start, covariance, start, precision, PER_PX, PER_PX)
 
 
 @pytest.mark.parametrize("outliers", [0.0, 0.25])

@@ -23,8 +23,11 @@ from scipy.stats import chi2
 
 from compass import CompassConfig, CompassStatus, VisualCompass, wrap_angle
 from compass.features import matching
-from compass.features.matching import landmarks_of, match_landmarks
-from compass.features.relative_pose import evidence, find_motion
+from compass.features.bearings import Projection, Tangents
+from compass.features.matching import Corners, landmarks_of, match_landmarks
+from compass.features.motion import yaw_variance
+from compass.features.points import sectors_of
+from compass.features.solver import ROTATION, YAW
 from compass.images.mask import RobotMask
 from compass.images.strip import prepare_strip
 from compass.methods.match import Search
@@ -54,22 +57,43 @@ def directions(seed, turn, step=1.0, tilt=(0.0, 0.0), mistaken=0.3, count=200, n
     return tuple(one / np.linalg.norm(one, axis=1)[:, None] for one in (seen, again))
 
 
+class LevelViews:
+    """Two views of which no IMU tells how they are tilted."""
+
+    @staticmethod
+    def expected(turn):
+        return np.array([turn, 0.0, 0.0, 0.0, 0.0])
+
+
+def corners_of(seen, again):
+    projection = Projection(1.0 / PER_RAD, 1.0 / PER_RAD, WIDTH / 2, 0.0)
+    covariance = projection.covariance(again.T, *np.array([[1.0], [0.0], [1.0]]).repeat(len(again), axis=1))
+    return Corners(Tangents.at(seen.T), again.T, covariance, projection.pixels(again.T), 1.0 / PER_RAD)
+
+
+def motion_of(seen, again):
+    """Turn, its variance, and the fit."""
+    corners = corners_of(seen, again)
+    fit = matching._found(LevelViews, corners)
+    return wrap_angle(fit.states[0, YAW]), yaw_variance(fit, sectors_of(corners.at, WIDTH), True), fit
+
+
 @pytest.mark.parametrize("turn", TURNS)
 @pytest.mark.parametrize("step", [0.0, 0.1, 1.5])
 def test_motion_is_found_among_mistaken_directions(step, turn):
     errors = []
     for seed in range(4):
-        motion = find_motion(*directions(seed, turn, step))
-        errors.append((wrap_angle(motion.turn - turn), motion.variance))
+        found, variance, _ = motion_of(*directions(seed, turn, step))
+        errors.append((wrap_angle(found - turn), variance))
     error, variance = np.array(errors).T
     assert np.abs(error).max() < math.radians(0.5)
     assert np.mean(error**2 / variance) < 3.0
 
 
 def test_turn_told_by_few_directions_is_claimed_no_better_than_it_is():
-    """With 30 the noise counts, not the floor: error^2/variance of 100 averages 1 at most, but for chance (1 %)."""
-    motions = [find_motion(*directions(seed, 1.2, 0.5, mistaken=0.0, count=30)) for seed in range(100)]
-    normalised = [wrap_angle(motion.turn - 1.2) ** 2 / motion.variance for motion in motions]
+    """Error^2/variance of 100 averages 1 at most, but for chance (1 %)."""
+    motions = [motion_of(*directions(seed, 1.2, 0.5, mistaken=0.0, count=30)) for seed in range(100)]
+    normalised = [wrap_angle(turn - 1.2) ** 2 / variance for turn, variance, _ in motions]
     assert np.mean(normalised) < chi2.ppf(0.99, 100) / 100
 
 
@@ -77,26 +101,28 @@ def test_turn_told_by_few_directions_is_claimed_no_better_than_it_is():
 def test_tilt_of_the_camera_is_told_from_its_turn(tilt_deg):
     tilt = tuple(np.deg2rad(tilt_deg))
     for seed in range(4):
-        motion = find_motion(*directions(seed, 1.2, 1.0, tilt))
-        assert abs(motion.turn - 1.2) < min(math.radians(1.0), 3.0 * math.sqrt(motion.variance))
-        assert motion.states[0, 2:4] == pytest.approx(tilt, abs=math.radians(0.7))
+        turn, variance, fit = motion_of(*directions(seed, 1.2, 1.0, tilt))
+        assert abs(turn - 1.2) < min(math.radians(1.0), 3.0 * math.sqrt(variance))
+        assert fit.states[0, ROTATION][1:] == pytest.approx(tilt, abs=math.radians(0.7))
 
 
 @pytest.mark.parametrize(("turns", "step"), [((0.5, 0.8), 0.0), ((0.5, 2.5), 1.0)])
 def test_turn_that_could_as_well_be_another_one_is_ambiguous(turns, step):
     for seed in range(4):
         halves = (directions(seed, turn, step, mistaken=0.0, count=100) for turn in turns)
-        motion = find_motion(*map(np.concatenate, zip(*halves, strict=True)))
-        assert motion.turn == pytest.approx(min(turns, key=lambda turn: abs(turn - motion.turn)), abs=0.01)
-        assert math.sqrt(motion.variance) > 0.4 * (turns[1] - turns[0])
+        found, variance, _ = motion_of(*map(np.concatenate, zip(*halves, strict=True)))
+        assert found == pytest.approx(min(turns, key=lambda turn: abs(turn - found)), abs=0.01)
+        assert 3.0 * math.sqrt(variance) > turns[1] - turns[0]  # within three deviations is either
 
 
 def test_directions_that_belong_together_are_evidence_and_others_are_not():
     for seed in range(10):
         seen, again = directions(seed, 2.0)
         shuffled = again[np.random.default_rng(seed).permutation(len(again))]
-        assert evidence(find_motion(seen, again), seen, again) > 80.0
-        assert evidence(find_motion(seen, shuffled), seen, shuffled) < 40.0
+        told, chance = (
+            matching._evidence(LevelViews, corners_of(seen, one), motion_of(seen, one)[2]) for one in (again, shuffled)
+        )
+        assert chance < 40.0 < 80.0 < told
 
 
 def strip(image, noise_seed, config=None, mask=None):
@@ -232,14 +258,14 @@ def test_fused_yaw_crosses_the_dark_without_a_gyro():
 def matched_with(monkeypatch, nats, rival):
     """Status of a match of one place with these nats of evidence, and those of the best other answer."""
     told = iter([nats, rival])
-    monkeypatch.setattr(matching, "evidence", lambda *_: next(told))
+    monkeypatch.setattr(matching, "_evidence", lambda *_: next(told))
     place = scene(3, WIDTH, HEIGHT)
     return match_landmarks(strip(place, 1), strip(shifted(place, 100.0), 2), ANYWHERE).status
 
 
 @pytest.mark.parametrize(("nats", "found"), [(0.0, False), (60.0, False), (110.0, True), (1000.0, True)])
 def test_a_match_needs_more_evidence_than_unrelated_views_reach(monkeypatch, nats, found):
-    """They reach 40 of 1000 pairs: half as much again is refused; what has three times as much is found."""
+    """They reach 65: what has twice as much is found."""
     assert matched_with(monkeypatch, nats, 0.0) is (CompassStatus.OK if found else CompassStatus.LOW_CONFIDENCE)
 
 
@@ -248,7 +274,7 @@ def test_a_match_needs_more_evidence_than_unrelated_views_reach(monkeypatch, nat
     [(1000.0, 60.0, True), (1000.0, 150.0, False), (1000.0, 900.0, False), (160.0, 40.0, True), (160.0, 95.0, False)],
 )
 def test_another_answer_that_has_evidence_too_is_a_rival(monkeypatch, nats, rival, found):
-    """By itself, where it has as much as a match needs; beside a weak answer, where it has more than half of that."""
+    """Where it has as much as a match needs."""
     assert matched_with(monkeypatch, nats, rival) is (CompassStatus.OK if found else CompassStatus.LOW_CONFIDENCE)
 
 
@@ -256,10 +282,12 @@ def test_another_answer_that_has_evidence_too_is_a_rival(monkeypatch, nats, riva
 def test_a_turn_that_is_known_to_some_degrees_only_is_no_answer(monkeypatch, sigma_deg, found):
     """In fog one in 15 pairs was 4 deg off; a gyro knows more after a minute."""
 
-    def vague(*directions):
-        return replace(find_motion(*directions), variance=math.radians(sigma_deg) ** 2)
+    sharpened = matching._sharpened
 
-    monkeypatch.setattr(matching, "find_motion", vague)
+    def vague(*views):
+        return replace(sharpened(*views), variance_px2=(math.radians(sigma_deg) * PER_RAD) ** 2)
+
+    monkeypatch.setattr(matching, "_sharpened", vague)
     place = scene(3, WIDTH, HEIGHT)
     status = match_landmarks(strip(place, 1), strip(shifted(place, 100.0), 2), ANYWHERE).status
     assert status is (CompassStatus.OK if found else CompassStatus.LOW_CONFIDENCE)

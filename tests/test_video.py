@@ -14,7 +14,8 @@ pytest.importorskip("av", reason="videos need PyAV")
 from video_packets import ENCODERS, Encoded, encode, write_packet
 
 from compass import ImageError
-from compass.images.video import VideoDecoder, codec_of
+from compass.images.codecs import codec_of
+from compass.images.video import VideoDecoder
 from fusion.imu.levelling import ImuConfig
 from fusion.offline.bag import Bag
 from fusion.offline.cli import main

@@ -15,11 +15,9 @@ import numpy as np
 import numpy.typing as npt
 
 from compass.features.points import Floats
+from compass.flow.correlation import FLOOR_PX
 from compass.images.strip import Strip
 
-# Deviation of a track that its patch does not know of, columns. With 0, 0.01, 0.02, 0.04 increments of five held-out
-# drives err by 0.0157, 0.0158, 0.0138, 0.0150 deg, error^2/variance 1.04, 1.01, 0.81, 0.86.
-FLOOR_PX = 0.02
 Complexes = npt.NDArray[np.complexfloating]
 Index = npt.NDArray[np.intp]
 

@@ -14,8 +14,6 @@ from scipy.special import erfcx
 
 from compass.features.points import Floats
 
-CERTAIN = 12.0  # deviations above which the normal part is no longer felt: its distribution is 1 there to 1e-33
-
 
 def exponentially_modified(scaled: Floats, ratio: Floats) -> tuple[Floats, Floats, Floats]:
     """Density of the sum of a standard normal and an exponential variable.
@@ -35,7 +33,8 @@ def exponentially_modified(scaled: Floats, ratio: Floats) -> tuple[Floats, Float
         Derivative of the density's logarithm, and that derivative's negative derivative, never negative.
     """
     z = scaled - ratio
-    near = -math.sqrt(0.5) * np.minimum(z, CERTAIN)
+    # further up the normal part is not felt, and its factors leave the range of floats: each has half of that
+    near = np.maximum(-math.sqrt(0.5) * z, -math.sqrt(0.5 * math.log(np.finfo(np.float64).max)))
     hazard = math.sqrt(2.0 / math.pi) / erfcx(near)
     density = np.exp(ratio * (0.5 * ratio - scaled) - near * near) * ratio / hazard
     return density, hazard - ratio, hazard * (z + hazard)

@@ -19,7 +19,7 @@ from compass.tilt import Tilted
 
 Comparison = Callable[[], YawIncrement | None]
 # No further back: four seconds apart single pairs of views in a narrow passage are degrees off, at one second none is
-# (docs/lab-notes/gaps-2026-11-28.md).
+# (docs/lab-notes/gaps-2026-11-28.md); and the filter remembers the yaw of so long ago (`reference_window`).
 OLDEST_NS = 4_000_000_000
 # rad, deviation of an increment above which the view is given up for a newer one. With 0.006, 0.012, 0.024 deg and
 # without any, long baselines of five held-out drives err by 0.027, 0.028, 0.030, 0.044 deg.

@@ -15,6 +15,7 @@ from functools import lru_cache
 import cv2
 import numpy as np
 import numpy.typing as npt
+from scipy.special import rel_entr
 
 from compass.angles import wrap_angle
 from compass.features.bearings import Projection, Tangents
@@ -22,33 +23,28 @@ from compass.features.motion import DIRECTIONS, FIRST_PX, NEXT_PX, ambiguity, ya
 from compass.features.padded_strip import MARGIN, Picture
 from compass.features.patch_alignment import align
 from compass.features.points import sectors_of
-from compass.features.prior import DISAGREE, FEWEST, LOCK_PX, ONE_SIDED, imu_tilt, precision_of, tilt_error
-from compass.features.relative_pose import INLIER, Motion, evidence, find_motion, misses
-from compass.features.solver import DIRECTION, ROTATION, YAW, Fit, Problem, Start, ascend, even_shares
+from compass.features.prior import DISAGREE, FEWEST, ONE_SIDED, TILT_SIGMA, imu_tilt, precision_of, tilt_error
+from compass.features.relative_pose import likely_states
+from compass.features.solver import DIRECTION, ROTATION, YAW, Fit, Problem, Start, ascend
 from compass.features.tracking import MIN_LIKENESS
-from compass.flow.correlation import Floats
+from compass.flow.correlation import FLOOR_PX, Floats
 from compass.images.strip import Strip
-from compass.increment import CompassStatus
 from compass.methods.match import Match, Search
 
 Indices = npt.NDArray[np.intp]
+Flags = npt.NDArray[np.bool_]
 
 # Of ORB; 500 cost a third of the accuracy, 3 levels gain 7 %
 # and lose scale (docs/lab-notes/long-baseline-2026-11-28.md).
 CORNERS, LEVELS = 1000, 5
-PATCH = 31  # pixels, the side of what a descriptor describes: the library's default
-RATIO = 0.8  # of the distance to the second nearest descriptor (Lowe 2004); nearer ones are no match
-ORB_PX = 1.0  # deviation of a corner as ORB has it, a pixel of its level, but for a factor that is estimated
 # Times as far as between neighbours do corners move in some seconds: parallaxes, outliers, first rounds. Seven tuned
 # drives, views 1 to 4 s apart, err by 0.0139 deg with 8, 0.0150 with 16, 0.0158 with 32; with 4 some by 2 deg, wrong
 # minima (docs/lab-notes/long-baseline-2026-11-28.md).
 WIDER = 8.0
-MIN_EVIDENCE = 80.0  # nats by which the matches must surpass chance; unrelated pairs, 1,000 of them, reach 40
-RIVALRY = 100.0  # nats for that which are too many: up to 54 in six places, 127 on in a symmetric corridor; so is
-RELATIVE = 0.5  # so much of the first answer's
-# rad, a deviation beyond which it is no answer: without it 4 deg off at a claimed half in one of 15 pairs in fog
-MAX_TURN_SIGMA = math.radians(3.0)
-NO_MATCH = Match(0.0, math.inf, 0.0, CompassStatus.LOW_CONFIDENCE)
+# Nats by which matches must surpass chance to be an answer, and those that look alike another one's: unrelated pairs,
+# 150 of them, reach 65, others of one place 60, those of a symmetric corridor 179 and more
+# (docs/lab-notes/constants-2026-11-29.md).
+MIN_EVIDENCE = 80.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +87,7 @@ class Views:
     def matched(self, pairs: Indices) -> Corners:
         """Corners, (n, 2) pairs of indices, where ORB has them."""
         one, other = self.before.corners[pairs[:, 0]], self.after.corners[pairs[:, 1]]
-        return self._corners(one, other, np.tile([ORB_PX**2, 0.0, ORB_PX**2], (len(pairs), 1)))
+        return self._corners(one, other, np.tile([1.0, 0.0, 1.0], (len(pairs), 1)))  # but for a factor
 
     def aligned(self, pairs: Indices) -> Corners:
         """The same found again to hundredths of a pixel, as far as they look alike."""
@@ -145,18 +141,20 @@ class Corners:
     def problem(self, start: Floats, mean: Floats, yaw_sigma: float = math.inf) -> Problem:
         """How they have moved since `start`; what is known of the motion is `mean`, the yaw to `yaw_sigma` (rad)."""
         prior = mean, precision_of(yaw_sigma)
-        return Problem.posed(self.tangents, self.seen, start, self.covariance, prior, WIDER * self.per_column)
+        return Problem.posed(
+            self.tangents, self.seen, start, self.covariance, prior, self.per_column, WIDER * self.per_column
+        )
 
     def motions(self, mean: Floats, yaw_sigma: float = math.inf) -> Fit:
         """Motions near `mean` that explain them, one of each of some directions of travel."""
-        return ascend(self.problem(mean, mean, yaw_sigma), _all_round(mean), FIRST_PX * WIDER * self.per_column)
+        return ascend(self.problem(mean, mean, yaw_sigma), _all_round(mean), FIRST_PX * self.per_column)
 
 
 def _all_round(mean: Floats) -> Start:
     """Directions of travel all round, with nothing known of the mixture."""
     states = np.repeat(mean[None], DIRECTIONS, axis=0)
     states[:, DIRECTION] = np.arange(DIRECTIONS) * math.tau / DIRECTIONS
-    return Start(states, np.repeat(even_shares(), DIRECTIONS, axis=0), np.ones(DIRECTIONS))
+    return Start.unknown(states)
 
 
 def follow_landmarks(reference: Strip, current: Strip, search: Search) -> Match:
@@ -166,15 +164,13 @@ def follow_landmarks(reference: Strip, current: Strip, search: Search) -> Match:
     The variance is that of the turn about the camera's own axis; the confidence is the share of matching corners that
     are inliers.
     """
-    if _sees_one_side(reference):
-        return NO_MATCH
-    views = Views.of(reference, current, search)
-    pairs = _matched(views.before, views.after)[0]
-    if len(pairs) < FEWEST:
-        return NO_MATCH
+    seen = _matched_views(reference, current, search)
+    if seen is None:
+        return Match.none()
+    views, pairs, _ = seen
     per_px = views.projection.per_column
     mean, sigma = views.expected(search.expected_px * per_px), search.reach_px * per_px / DISAGREE
-    return _sharpened(views, pairs, views.matched(pairs).motions(mean, sigma), mean, sigma) or NO_MATCH
+    return _sharpened(views, pairs, views.matched(pairs).motions(mean, sigma), mean, sigma)
 
 
 def match_landmarks(reference: Strip, current: Strip, search: Search) -> Match:
@@ -182,63 +178,93 @@ def match_landmarks(reference: Strip, current: Strip, search: Search) -> Match:
 
     As `follow_landmarks`, but whatever the turn.
     """
-    if _sees_one_side(reference):
-        return NO_MATCH
+    seen = _matched_views(reference, current, search)
+    if seen is None:
+        return Match.none()
+    views, pairs, alike = seen
+    corners = views.matched(pairs)
+    motion = _found(views, corners)
+    outliers = ~_inliers(views, views.matched(alike), motion)
+    if _evidence(views, corners, motion) < MIN_EVIDENCE or _rivalled(views, views.matched(alike[outliers]), motion):
+        return Match.none()
+    per_px, yaw = views.projection.per_column, float(motion.states[0, YAW])
+    sigma = math.sqrt(yaw_variance(motion, sectors_of(corners.at, reference.columns), True))
+    match = _sharpened(views, pairs, motion, views.expected(yaw), sigma)
+    variance = match.variance_px2 + motion.ambiguity / per_px**2
+    # motions were told apart by as much: in fog one of 15 pairs was 4 deg off at a claimed half, on rough ground 6
+    return replace(match, variance_px2=variance) if variance * per_px**2 < TILT_SIGMA**2 else Match.none()
+
+
+def _matched_views(reference: Strip, current: Strip, search: Search) -> tuple[Views, Indices, Indices] | None:
+    """Two views and their pairs of corners, see `_matched`; None of a part of the circle, and where they are few.
+
+    Of a part of the circle travel over metres may look like any turn.
+    """
+    if reference.seen is not None and reference.seen.widest_hidden > ONE_SIDED:
+        return None
     views = Views.of(reference, current, search)
     pairs, alike = _matched(views.before, views.after)
-    if len(pairs) < FEWEST:
-        return NO_MATCH
-    corners = views.matched(pairs)
-    seen, again = corners.tangents.ahead.T, corners.seen.T
-    motion = find_motion(seen, again)
-    nats = evidence(motion, seen, again)
-    if nats < MIN_EVIDENCE or motion.variance > MAX_TURN_SIGMA**2 or _rivalled(views.matched(alike), motion, nats):
-        return NO_MATCH
-    mean, sigma = views.expected(motion.turn), math.sqrt(motion.variance)
-    match = _sharpened(views, pairs, corners.motions(mean, sigma), mean, sigma)
-    if match is None:
-        return NO_MATCH
-    per_px = views.projection.per_column
-    variance = match.variance_px2 + motion.ambiguity / per_px**2
-    off = wrap_angle(match.shift_px * per_px - motion.turn)
-    if off**2 > DISAGREE**2 * (motion.variance + variance * per_px**2):  # another motion explains them as well
-        return NO_MATCH
-    return replace(match, variance_px2=variance)
+    return (views, pairs, alike) if len(pairs) >= FEWEST else None
 
 
-def _sees_one_side(strip: Strip) -> bool:
-    """Whether the camera itself shows so little of the circle that travel over metres may look like any turn."""
-    return strip.seen is not None and strip.seen.widest_hidden > ONE_SIDED
+def _found(views: Views, corners: Corners, besides: float | None = None) -> Fit:
+    """The motion with most inliers, of those that pairs of corners agree on, whatever the turn; see `likely_states`.
+
+    Not the likeliest: where views are far apart, that may be one with large parallaxes for fewer corners.
+    """
+    trials, px = [], corners.per_column
+    for state in likely_states(corners.tangents, corners.seen, besides):
+        mean = views.expected(float(state[YAW]))
+        fit = ascend(corners.problem(state, mean), Start.unknown(state[None]), FIRST_PX * px)
+        trials.append(ascend(corners.problem(fit.states[0], mean), fit, NEXT_PX * px))  # linear about the last state
+    support = np.array([np.count_nonzero(_inliers(views, corners, trial)) for trial in trials])
+    best = trials[support.argmax()]
+    best.ambiguity = ambiguity(np.array([trial.states[0, YAW] for trial in trials]), support - support.max(), best)
+    return best
 
 
-def _sharpened(views: Views, pairs: Indices, rough: Fit, mean: Floats, yaw_sigma: float = math.inf) -> Match | None:
-    """What corners that are inliers of the likeliest motion say once they are aligned; None where too few are alike."""
+def _inliers(views: Views, corners: Corners, motion: Fit) -> Flags:
+    """(n,) which corners are inliers of a motion."""
+    problem = corners.problem(motion.states[0], views.expected(float(motion.states[0, YAW])))
+    return np.asarray(ascend(problem, Start.unknown(motion.states), np.empty(0)).inlier[0] > 0.5)
+
+
+def _evidence(views: Views, corners: Corners, motion: Fit) -> float:
+    """Nats by which a motion has more inliers than among shuffled partners: a binomial's large deviation."""
+    order = np.random.default_rng(1).permutation(len(corners.at))
+    shuffled = replace(corners.some(order), tangents=corners.tangents)
+    inliers, by_chance = (np.count_nonzero(_inliers(views, one, motion)) for one in (corners, shuffled))
+    chance, share = (by_chance + 0.5) / (len(order) + 1.0), inliers / len(order)
+    return len(order) * float(rel_entr(share, chance) + rel_entr(1.0 - share, 1.0 - chance)) if share > chance else 0.0
+
+
+def _rivalled(views: Views, outliers: Corners, motion: Fit) -> bool:
+    """Whether corners that look alike but are outliers of the motion are inliers of another one, turned elsewhere."""
+    if len(outliers.at) < FEWEST:
+        return False
+    rival = _found(views, outliers, float(motion.states[0, YAW]))
+    return _evidence(views, outliers, rival) > MIN_EVIDENCE
+
+
+def _sharpened(views: Views, pairs: Indices, rough: Fit, mean: Floats, yaw_sigma: float) -> Match:
+    """What corners that are inliers of the likeliest motion say once they are aligned."""
     inlier = rough.inlier[rough.best] > 0.5
     corners = views.aligned(pairs[inlier])
     if len(corners.at) < FEWEST:
-        return None
-    px, count = corners.per_column, len(rough.states)
-    start = Start(rough.states, np.repeat(even_shares(), count, axis=0), np.ones(count))
-    trials = ascend(corners.problem(rough.states[rough.best], mean, yaw_sigma), start, FIRST_PX * px)
+        return Match.none()
+    px = corners.per_column
+    trials = ascend(
+        corners.problem(rough.states[rough.best], mean, yaw_sigma), Start.unknown(rough.states), FIRST_PX * px
+    )
     start = trials.only(trials.best)
     for _ in range(2):  # linear about the last state; what was expected has chosen, and says no more
         start = fit = ascend(corners.problem(start.states[0], mean), start, NEXT_PX * px)
-    fit.ambiguity = ambiguity(trials.states[:, YAW], trials.log_posterior, fit)
+    fit.ambiguity = ambiguity(trials.states[:, YAW], trials.log_posterior - fit.log_posterior[0], fit)
     yaw, tilt_x, tilt_y = fit.states[0, ROTATION].tolist()
     strip = views.before.picture.strip
     variance = yaw_variance(fit, sectors_of(corners.at, strip.columns), True)
-    variance += (LOCK_PX * px) ** 2 + tilt_error(strip, (tilt_x, tilt_y)) ** 2
+    variance += (FLOOR_PX * px) ** 2 + tilt_error(strip, (tilt_x, tilt_y)) ** 2
     return Match(wrap_angle(yaw) / px, variance / px**2, float(inlier.mean()), tilt=(tilt_x, tilt_y))
-
-
-def _rivalled(alike: Corners, motion: Motion, nats: float) -> bool:
-    """Whether corners that look alike but are outliers of the motion are inliers of another one."""
-    seen, again = alike.tangents.ahead.T, alike.seen.T
-    left = np.flatnonzero(misses(motion.states, seen, again)[0] > INLIER**2)
-    if left.size < FEWEST:
-        return False
-    rival = find_motion(seen[left], again[left], motion.turn)
-    return evidence(rival, seen[left], again[left]) > min(RIVALRY, RELATIVE * nats)
 
 
 @lru_cache(maxsize=2)
@@ -246,9 +272,10 @@ def landmarks_of(strip: Strip) -> Landmarks:
     """Corners of the world in a strip, with descriptors."""
     picture = Picture(strip)
     nothing = Landmarks(picture, np.empty((0, 2)), np.empty((0, 32), np.uint8))
-    if min(strip.pixels.shape) <= PATCH:
+    orb = cv2.ORB.create(CORNERS, nlevels=LEVELS)
+    orb.setEdgeThreshold(orb.getPatchSize() // 2)  # suffices
+    if min(strip.pixels.shape) <= orb.getPatchSize():
         return nothing
-    orb = cv2.ORB.create(CORNERS, nlevels=LEVELS, edgeThreshold=PATCH // 2, patchSize=PATCH)  # half a patch suffices
     corners, descriptors = orb.detectAndCompute(picture.bytes, None)
     if descriptors is None:
         return nothing
@@ -261,17 +288,15 @@ def landmarks_of(strip: Strip) -> Landmarks:
 
 
 def _matched(before: Landmarks, after: Landmarks) -> tuple[Indices, Indices]:
-    """(n, 2) indices of corners that are each other's nearest and have no second, and of all that look alike.
+    """(n, 2) indices of corners that are each other's nearest, and of all that look alike: each one's two nearest.
 
-    The latter are each one's two nearest, those most alike first. Few corners match nothing.
+    Few corners match nothing.
     """
     one, other = before.descriptors, after.descriptors
     if min(len(one), len(other)) < FEWEST:
         return np.empty((0, 2), np.intp), np.empty((0, 2), np.intp)
-    distance, nearest = cv2.batchDistance(one, other, cv2.CV_32S, normType=cv2.NORM_HAMMING, K=2)
-    clear = np.flatnonzero(distance[:, 0] < RATIO * distance[:, 1])
-    if clear.size:
-        back = cv2.batchDistance(other[nearest[clear, 0]], one, cv2.CV_32S, normType=cv2.NORM_HAMMING, K=1)[1][:, 0]
-        clear = clear[back == clear]
-    order = np.argsort(distance, axis=None, kind="stable")
-    return np.stack([clear, nearest[clear, 0]], axis=1), np.stack([order // 2, nearest.ravel()[order]], axis=1)
+    nearest = cv2.batchDistance(one, other, cv2.CV_32S, normType=cv2.NORM_HAMMING, K=2)[1]
+    back = cv2.batchDistance(other, one, cv2.CV_32S, normType=cv2.NORM_HAMMING, K=1)[1][:, 0]
+    index = np.arange(len(one))
+    mutual = np.flatnonzero(back[nearest[:, 0]] == index)
+    return np.stack([mutual, nearest[mutual, 0]], axis=1), np.stack([np.repeat(index, 2), nearest.ravel()], axis=1)

@@ -10,15 +10,12 @@ import numpy as np
 from compass.features.bearings import Index
 from compass.features.points import SECTORS, Floats
 from compass.features.prior import DISAGREE, INDEPENDENT
-from compass.features.solver import CLIMB, DIRECTION, YAW, Fit, Problem, Start, ascend, even_shares
+from compass.features.solver import CLIMB, DIRECTION, TINY, YAW, Fit, Problem, Start, ascend, even_shares
 
 DIRECTIONS = 6  # of travel that are tried where none is known: a basin of attraction is wider than 60 deg
 # Of the corners must be inliers for a motion to be taken without trying others, a turn without travel, too. With 0.8,
 # 0.9 and 0.95 increments of six tuned drives err by 0.0055, 0.0048 and 0.0048 deg RMS, in 2.3, 2.7 and 2.9 ms.
 AGREE = 0.9
-# Deviations by which some direction of travel may explain a turn's residuals better than none: as many as two answers
-# may differ by, neighbours erring together. The first image of a drive has 16 or more.
-PARALLAX = DISAGREE / math.sqrt(INDEPENDENT)
 # Deviations added to the noise from round to round, columns, each a quarter of the one before; the last rounds are
 # without. A first start lies some columns off, one from the image before a part of one.
 FIRST_PX = np.array([2.0, 0.5, 0.125, 0.03125, 0.0, 0.0])
@@ -77,7 +74,9 @@ class Motion:
         start = Start(problem.start[None], even_shares(pushed=False), np.ones(1))
         goes_on = continued is None and not self.is_unknown
         turned = ascend(problem, start, (NEXT_PX if goes_on else FIRST_PX) * per_column, pushed=False)
-        self.travels = turned.inlier.mean() < AGREE or parallax_score(turned, problem) > PARALLAX
+        # as many deviations as two answers may differ by, neighbours erring together; a drive's first image has 16
+        stands_out = INDEPENDENT * parallax_score(turned, problem) ** 2 > DISAGREE**2
+        self.travels = turned.inlier.mean() < AGREE or stands_out
         if not self.travels:
             return turned
         states = np.repeat(turned.states, DIRECTIONS, axis=0)
@@ -88,19 +87,19 @@ class Motion:
         fit = ascend(problem, trials.only(trials.best), NEXT_PX * per_column)
         if continued is not None and continued.log_posterior[0] > fit.log_posterior[0]:
             fit = continued
-        fit.ambiguity = ambiguity(trials.states[:, YAW], trials.log_posterior, fit)
+        fit.ambiguity = ambiguity(trials.states[:, YAW], trials.log_posterior - fit.log_posterior[0], fit)
         self.travels = bool(fit.log_posterior[0] > turned.log_posterior[0])
         return fit if self.travels else turned
 
 
-def ambiguity(yaw: Floats, log_posterior: Floats, fit: Fit) -> float:
-    """Variance of a yaw that could be another one of those tried, at their posterior odds, rad^2.
+def ambiguity(yaw: Floats, log_odds: Floats, fit: Fit) -> float:
+    """Variance of a yaw that could as well be one of those tried, at its odds, rad^2: the largest.
 
-    `yaw` (rad) and `log_posterior` are (k,) of what was tried.
+    `yaw` (rad) and `log_odds` against the fit are (k,) of what was tried.
     """
-    odds = np.exp(INDEPENDENT * np.minimum(log_posterior - fit.log_posterior[0], 0.0))
+    odds = np.exp(INDEPENDENT * np.minimum(log_odds, 0.0))
     apart = (yaw - fit.states[0, YAW] + math.pi) % math.tau - math.pi
-    return float(odds @ apart**2 / (1.0 + odds.sum()))
+    return float((odds / (1.0 + odds) * apart**2).max())
 
 
 def parallax_score(turned: Fit, problem: Problem) -> float:
@@ -114,7 +113,7 @@ def parallax_score(turned: Fit, problem: Problem) -> float:
     along = -(lines * turned.off.conj()).real / turned.sigma  # times the sine
     score = (turned.inlier * along).sum(axis=1)
     expected = np.sqrt((turned.inlier * np.abs(lines) ** 2).sum(axis=1))
-    return float((score / expected).max())
+    return float((score / np.maximum(expected, TINY)).max())
 
 
 def yaw_variance(fit: Fit, sector: Index, travels: bool) -> float:

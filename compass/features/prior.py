@@ -10,14 +10,13 @@ from compass.features.points import Floats
 from compass.images.strip import Strip
 from compass.tilt import tilt_between
 
-SCENE_TILT_SIGMA = math.radians(3.0)  # of the scene between two views, beside what an IMU measures
-CLIMB_SIGMA = math.radians(4.0)  # of the direction of travel against the camera's level
+# rad, how far a ground is off level: tilt of the scene between two views beside what an IMU measures, and climb of the
+# direction of travel against the camera's level
+TILT_SIGMA = math.radians(3.0)
 TILT_NOISE, UNKNOWN_TILT = 0.01, 0.045  # rad, error of the tilt in what it does to a yaw, with an IMU and without
-LOCK_PX = 0.012  # by which corners that all move by the same part of a column err: photographs of a city and a forest
 DISAGREE = 3.0  # deviations by which two answers to one question may differ
 FEWEST = 24  # corners that have to be found again, and to be inliers: five for each of a motion's unknowns
 INDEPENDENT = 0.25  # share of the corners that err by themselves, as neighbours err together; not derived
-LEVEL = (0.0, 0.0)  # no tilt
 # Of the circle without any corner. What is seen on one side only turns by as much as it is passed: of nine tuned drives
 # whose corners were left out over 0.63 of it error^2/variance is 640, over a half 5.4, over 0.38 1.7, over 0.22 1.05.
 GAP = 0.4
@@ -28,13 +27,13 @@ ONE_SIDED = 0.3
 
 def precision_of(yaw_sigma: float = math.inf) -> Floats:
     """(5,) precisions of yaw, whose deviation is given, tilt about x and y, direction of travel, and climb; rad^-2."""
-    return np.array([yaw_sigma**-2, SCENE_TILT_SIGMA**-2, SCENE_TILT_SIGMA**-2, 0.0, CLIMB_SIGMA**-2])
+    return np.array([yaw_sigma**-2, TILT_SIGMA**-2, TILT_SIGMA**-2, 0.0, TILT_SIGMA**-2])
 
 
 def imu_tilt(reference: Strip, current: Strip, turn: float) -> tuple[float, float]:
     """Tilt of the scene about x and y from one view to another as an IMU measures it, rad; none without one."""
     if reference.up is None or current.up is None:
-        return LEVEL
+        return 0.0, 0.0
     return tilt_between(reference.up, current.up, turn)
 
 

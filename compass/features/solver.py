@@ -16,19 +16,15 @@ import numpy as np
 
 from compass.features.bearings import Complexes, Tangents, undo
 from compass.features.density import exponentially_modified
-from compass.features.points import Floats
+from compass.features.padded_strip import HALF
+from compass.features.points import SIDE, Floats
 
 YAW, TILT_X, TILT_Y, DIRECTION, CLIMB = range(5)
 ROTATION = slice(0, 3)
 FREEDOM = 3.0  # degrees of freedom of the t: 2 to 5 differ by a tenth in the yaw's RMS over a drive
 MEANS_PX = np.array([0.3, 2.0, 12.0])  # of the parallaxes, columns: from what noise hides to a keyframe's end
 AT_INFINITY, OUTLIER = 0, MEANS_PX.size + 1  # components of the mixture: no parallax, and none of all
-SPREAD_PX = 20.0  # to either side, over which outliers lie evenly; not derived
 TINY = 1e-6  # columns, rad^-2; of what has no error or no precision, for there is no division by zero
-# rad, of each of the state in one round; not derived. Held-out drives are as good without, but then an IMU that errs
-# by 10 deg turns the yaw by 0.08 deg.
-LONGEST_STEP = np.array([0.05, 0.03, 0.03, 0.6, 0.1])
-MIN_SINE = 0.02  # of the angle from the travel below which a corner's epipolar line is not known; not derived
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,8 +46,8 @@ class Problem:
         covariance, rad^2, but for a factor that all share.
     prior_mean, prior_precision : (5,) arrays
         Of the state, rad and rad^-2.
-    per_column : float
-        rad.
+    per_column, scale : float
+        rad; the latter as many times as much as corners move further than between neighbours.
     """
 
     tangents: Tangents
@@ -62,6 +58,7 @@ class Problem:
     prior_mean: Floats
     prior_precision: Floats
     per_column: float
+    scale: float
 
     @staticmethod
     def posed(
@@ -71,15 +68,25 @@ class Problem:
         covariance: Complexes,
         prior: tuple[Floats, Floats],
         per_column: float,
+        scale: float | None = None,
     ) -> Problem:
         """Of corners that are now seen in (3, n) directions; `prior` is its mean and precision."""
         now = undo(*start[ROTATION]) @ seen
-        return Problem(tangents, tangents.project(now), tangents.rotating(now), start, covariance, *prior, per_column)
+        return Problem(
+            tangents,
+            tangents.project(now),
+            tangents.rotating(now),
+            start,
+            covariance,
+            *prior,
+            per_column,
+            scale or per_column,
+        )
 
     @property
     def means(self) -> Floats:
         """(exponentials, 1, 1) mean parallaxes abeam, rad."""
-        return (MEANS_PX * self.per_column)[:, None, None]
+        return (MEANS_PX * self.scale)[:, None, None]
 
 
 @dataclass(slots=True, eq=False)
@@ -99,6 +106,11 @@ class Start:
     states: Floats
     shares: Floats
     noise: Floats
+
+    @staticmethod
+    def unknown(states: Floats, pushed: bool = True) -> Start:
+        """(k, 5) states, with nothing known of the mixture and the noise."""
+        return Start(states, np.repeat(even_shares(pushed), len(states), axis=0), np.ones(len(states)))
 
     def only(self, index: int) -> Start:
         """One of them."""
@@ -167,8 +179,10 @@ def ascend(problem: Problem, start: Start, extra: Floats, pushed: bool = True) -
         no parallax and of outliers.
     """
     states, shares, noise = start.states, start.shares, start.noise
-    uniform = 2.0 * math.pi / (2.0 * SPREAD_PX * problem.per_column) ** 2
+    # outliers lie evenly over what a search finds: a patch at half the size, to either side
+    uniform = 2.0 * math.pi / (2.0 * 2.0 * SIDE * problem.scale) ** 2
     least_precision = np.diag(problem.prior_precision + TINY)
+    longest = (problem.prior_precision + TINY) ** -0.5
     parts = np.empty((shares.shape[1], len(states), problem.moved.size))  # of the mixture: how likely, of each corner
     bends = np.empty((2, len(parts) - 1, *parts.shape[1:]))  # slope of the logarithm of all but the outliers', and bend
     slope, bend = bends
@@ -213,7 +227,8 @@ def ascend(problem: Problem, start: Start, extra: Floats, pushed: bool = True) -
             states - problem.prior_mean
         )
         change = np.linalg.solve(precision, gradient[..., None])[..., 0]
-        states = states + np.clip(change, -LONGEST_STEP, LONGEST_STEP)
+        # nor further in one round than a deviation of the prior: an IMU may err, and the way is long
+        states = states + np.clip(change, -longest, longest)
         shares = parts.sum(axis=2).T + 1.0  # the posterior mean of a flat Dirichlet prior
         shares /= shares.sum(axis=1, keepdims=True)
         if not beyond:
@@ -242,7 +257,8 @@ class _Lines:
         vectors = np.array([*travel, *changes]).T.reshape(len(states), 3, 3)
         seen = vectors.astype(np.complex128) @ problem.tangents.axes
         self._travel, self._changes = seen[:, 0], seen[:, 1:]
-        self.length = np.maximum(np.abs(self._travel), MIN_SINE)
+        # whose patch shows where the camera travels to or comes from has no line
+        self.length = np.maximum(np.abs(self._travel), HALF * problem.per_column)
         self._back = -self._travel.conj() / self.length  # turns what lies away from the travel to the real axis
         self._residual = self.off * self._back
         self.along, self.across = self._residual.real, self._residual.imag

@@ -8,6 +8,7 @@ interpolation, each patch's brightness and contrast left free.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
@@ -19,15 +20,12 @@ from compass.images.strip import Pixels
 
 Index = npt.NDArray[np.intp]
 
-RETRY_LEVELS = 3  # of the pyramid above the picture itself, where too little is found with fewer
-ENOUGH = 0.7  # of the corners; not derived
-SETTLED = 0.2  # pixels; what the finer alignment moves by more is aligned again: it errs by a tenth of its way
+# Pixels; what the finer alignment moves by more is aligned again: it errs by a tenth of its way. Never and always:
+# docs/lab-notes/constants-2026-11-29.md.
+SETTLED = 0.2
 LONGEST_CORRECTION_PX = 1.0  # pixels by which it may move a track in all
 # OpenCV's default is 30 rounds to 0.01 pixels; fewer, as the alignment that follows is finer. Not derived.
 STOP = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 10, 0.03)
-# Pixels from where a corner is expected to where it may be: a patch there, what its interpolation needs round it, and
-# what the finer alignment adds lie within the picture's margin.
-SEARCH_REACH_PX = MARGIN - HALF - 4 - LONGEST_CORRECTION_PX
 # Normalised correlation of a patch with what it is found as; with 0.7 and 0.92 long baselines are better here and worse
 # there (docs/lab-notes/compass-2026-11-27.md).
 MIN_LIKENESS = 0.8
@@ -77,28 +75,31 @@ def track(before: Picture, patches: Patches, now: Picture, guess: Pixels, levels
         Of the pyramid above the picture itself: 0 where they are expected to a pixel or two.
     """
     tracks = _tracked(before, patches, now, guess, levels)
-    if tracks.index.size < ENOUGH * len(patches):
-        farther = _tracked(before, patches, now, guess, RETRY_LEVELS)
+    if 2 * tracks.index.size < len(patches):
+        farther = _tracked(before, patches, now, guess)
         tracks = farther if farther.index.size > tracks.index.size else tracks
     return tracks
 
 
-def _tracked(before: Picture, patches: Patches, now: Picture, guess: Pixels, levels: int) -> Tracks:
+def _tracked(before: Picture, patches: Patches, now: Picture, guess: Pixels, levels: int | None = None) -> Tracks:
+    """With OpenCV's own number of levels, if none is given."""
     start = guess + np.array([MARGIN, 0.0], np.float32)
     start[:, 0] = (guess[:, 0] % now.columns) + MARGIN
+    depth: Any = {} if levels is None else {"maxLevel": levels}
     rough, found, _ = cv2.calcOpticalFlowPyrLK(
         before.bytes,
         now.bytes,
         patches.at + np.array([MARGIN, 0.0], np.float32),
         start.copy(),
         winSize=(SIDE, SIDE),
-        maxLevel=levels,
         flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
         criteria=STOP,
+        **depth,
     )
-    near = np.maximum(*np.abs(rough - start).T) < SEARCH_REACH_PX
-    whole = (rough[:, 1] >= HALF) & (rough[:, 1] < now.rows - HALF)
-    index = np.flatnonzero(found[:, 0].astype(bool) & near & whole)
+    # a patch, what its interpolation needs round it, and what the finer alignment adds lie within the picture
+    edge = np.array([SIDE + LONGEST_CORRECTION_PX, HALF], np.float32)
+    whole = ((rough >= edge) & (rough < np.array(now.soft.shape[::-1], np.float32) - edge)).all(axis=1)
+    index = np.flatnonzero(found[:, 0].astype(bool) & whole)
     rough = np.asarray(rough[index], np.float32) - np.array([MARGIN, 0.0], np.float32)
     at, left = _aligned(patches, index, now, rough)
     again = np.flatnonzero(np.maximum(*np.abs(at - rough).T) > SETTLED)

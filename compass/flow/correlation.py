@@ -16,6 +16,10 @@ import scipy.fft
 from compass.images.strip import UPRIGHT_ROWS, Strip
 
 Floats = npt.NDArray[np.floating]
+# Columns by which a shift errs beside its noise: interpolation and compression pull it to the grid. Corners of
+# photographs that all move by the same part of a column err by 0.012 together; halved and doubled in
+# docs/lab-notes/constants-2026-11-29.md.
+FLOOR_PX = 0.015
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from compass.flow.correlation import Peak, continuous_peak, pooled_spectrum
+from compass.flow.correlation import FLOOR_PX, Peak, continuous_peak, pooled_spectrum
 from compass.images.strip import Spectrum, Strip
 
-MASKED_ERROR_PX = 0.007  # what the edges of a mask, which stay, leave in all rows pooled
 SIGNIFICANT = 1.0  # deviations of chi-square by which bands must lie apart to count: white noise passes one in six
 NEGLIGIBLE_BAND = 1e-3  # of all information: a band with less has no shift of its own
 # Edges of the bands of spatial frequency that are asked for a shift of their own, waves per column: octaves, and from
@@ -30,7 +29,7 @@ def turn_variance(peak: Peak, spectrum: Spectrum, reference: Strip) -> float:
 def _bound(peak: Peak, reference: Strip) -> float:
     """Cramer-Rao bound of the variance of the shift of all rows pooled, columns^2."""
     bound = 2.0 * max(1.0 - peak.value, 1e-6) / (reference.pixels.size * max(-peak.curvature, 1e-12))
-    return bound if reference.seen is None else bound + MASKED_ERROR_PX**2
+    return bound if reference.seen is None else bound + FLOOR_PX**2  # the edges of a mask stay
 
 
 def _bands_apart(spectrum: Spectrum, columns: int, peak: Peak, bound: float) -> float:

@@ -10,25 +10,17 @@ import numpy as np
 import numpy.typing as npt
 
 from compass.errors import ImageError
+from compass.images.codecs import codec_of
+from compass.images.encodings import ENCODINGS, Encoding
 from compass.images.jpeg import BEGIN, JpegHeader, upper_rows
 
 Image = npt.NDArray[Any]
 
-_RED_FIRST = {
-    "rgb8": cv2.COLOR_RGB2GRAY,
-    "rgb16": cv2.COLOR_RGB2GRAY,
-    "rgba8": cv2.COLOR_RGBA2GRAY,
-    "rgba16": cv2.COLOR_RGBA2GRAY,
-}
-_LUMA_CHANNEL = {"yuv422": 1, "uyvy": 1, "yuv422_yuy2": 0, "yuyv": 0}
 # A still of today's 360-degree cameras has up to 72 megapixels (11968 x 5984), and a decoder takes several bytes for
 # each: what says to be larger is a fault or a trap (1 MB of PNG may hold a gigapixel), and is not decoded.
 MOST_PIXELS = 100_000_000
 _PNG = b"\x89PNG\r\n\x1a\n"
 _BLOCK = 16  # pixels; the largest that a JPEG codes as one
-# as people and drivers call video codecs in `CompressedImage.format`
-_VIDEO = ("h264", "h.264", "x264", "avc", "h265", "h.265", "x265", "hevc", "av1", "vp8", "vp9", "mpeg4", "theora")
-_REDUCED = {2: cv2.IMREAD_REDUCED_GRAYSCALE_2, 4: cv2.IMREAD_REDUCED_GRAYSCALE_4, 8: cv2.IMREAD_REDUCED_GRAYSCALE_8}
 
 
 def image_from_compressed(data: Any, columns: int = 0, named: str = "", bottom: float = 1.0) -> Image:
@@ -70,9 +62,9 @@ def image_from_compressed(data: Any, columns: int = 0, named: str = "", bottom: 
         )
     flag, by = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH, 1
     if jpeg and columns:
-        for factor, reduced in _REDUCED.items():
+        for factor in (2, 4, 8):  # those that libjpeg knows
             if width >= factor * columns:
-                flag, by = reduced, factor
+                flag, by = getattr(cv2, f"IMREAD_REDUCED_GRAYSCALE_{factor}"), factor
     upper = upper_rows(buffer, jpeg, _rows(height, bottom)) if jpeg else None
     try:
         image = cv2.imdecode(buffer if upper is None else upper, flag)
@@ -106,8 +98,7 @@ def _no_picture(buffer: npt.NDArray[np.uint8], begin: bytes, named: str) -> str:
     what = f"compressed image of {buffer.size} bytes{said}"
     if begin[12:20] == _PNG or "compresseddepth" in named.lower():
         return f"{what} is a compressedDepth image, distances and no picture; choose the camera's other topic"
-    # Annex B of H.264 and H.265: every unit begins with 00 00 01, before which there may be one zero more
-    if begin.startswith((b"\0\0\1", b"\0\0\0\1")) or any(codec in named.lower() for codec in _VIDEO):
+    if codec_of(named, begin):
         return f"{what} is a piece of a video; record JPEG, or let image_transport republish it as raw or compressed"
     kind = "is empty" if not buffer.size else "is corrupt or neither JPEG nor PNG"
     return f"{what} {kind}"
@@ -134,10 +125,10 @@ def to_grey(image: Image, encoding: str = "") -> Image:
     channels = image.shape[2]
     if channels == 1:
         return image[:, :, 0]
-    if channels == 2 and encoding in _LUMA_CHANNEL:
-        return image[:, :, _LUMA_CHANNEL[encoding]]
-    if channels == 3:
-        return cv2.cvtColor(image, _RED_FIRST.get(encoding, cv2.COLOR_BGR2GRAY))
-    if channels == 4:
-        return cv2.cvtColor(image, _RED_FIRST.get(encoding, cv2.COLOR_BGRA2GRAY))
+    known = ENCODINGS.get(encoding, Encoding())
+    if channels == 2 == known.channels:
+        return image[:, :, known.luma]
+    if channels in (3, 4):
+        usual = cv2.COLOR_BGR2GRAY if channels == 3 else cv2.COLOR_BGRA2GRAY
+        return cv2.cvtColor(image, usual if known.grey is None or known.channels != channels else known.grey)
     raise ImageError(f"image has {channels} channels; give 1, 3 or 4")

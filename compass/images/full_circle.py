@@ -18,34 +18,26 @@ import numpy as np
 import numpy.typing as npt
 import scipy.fft
 
+from compass.flow.coarse_shift import PEAKS_PER_CIRCLE
 from compass.images.decode import Image, to_grey
-from compass.images.strip import UPRIGHT_ROWS, Pixels, Strip
+from compass.images.seen import MAST
+from compass.images.strip import MIN_TEXTURE, UPRIGHT_ROWS, Pixels, Strip
 from compass.images.unwrap import BORDER_PX
 
 EVERY = 5  # images from one that is looked at to the next, ten times as many after the first verdict
-NARROWEST = 64  # columns of a strip whose neighbours still look alike
 VIEWS = 8  # different ones, before anything is said: a pole may stand just at the seam in one or two
 NEW_VIEW = 0.2  # of the step between columns far apart: a column that changed by so much shows something else
-FAR = (0.25, 0.375, 0.5)  # of the circle from one column to others that have nothing to do with it
-NEAR_HALF = 1 / 32  # of the circle by which the second picture may lie beside the middle: stereo
-# By how much a column that shows nothing varies from top to bottom: grey values of 255, and of what the picture does.
-BLANK, BLANK_OF_ALL = 2.0, 0.1
-CORNER_ROWS = (0.04, 0.08, 0.92, 0.96)  # of the height, where two round pictures leave their corners black
-DARK = 10.0  # grey values of 255 there
-
-# What a picture has to show to be called no full circle. Medians over views of: six photographs cut anywhere, two real
-# videos, a simulated corridor / the same photographs and a video of which half a circle, or nine tenths, are left.
-OPEN = 0.5  # step across the seam: at most 0.09, and 0.25 for an imperfect seam / 0.78 to 1.2, and 0.55 to 1.0
-TWICE = 0.6  # correlation of the halves: at most 0.22, 0.56 in one of the corridor's views / 0.64 to 0.94 of two views
-BLANK_SHARE = 0.15  # of the width; a mast is narrower
+DARK = 10.0  # grey values of 255 in the corners that two round pictures leave
+# Halfway from what neighbours have to what any columns have. Medians over views of six photographs cut anywhere, two
+# real videos, a simulated corridor / the same photographs and a video of which half a circle, or nine tenths, are left:
+# step across the seam at most 0.09, and 0.25 for an imperfect seam / 0.78 to 1.2, and 0.55 to 1.0; correlation of the
+# halves at most 0.22 / 0.64 to 0.94 where the circle is shown twice.
+HALFWAY = 0.5
 # Likeness of what crosses the seam, than which three of four views have less: at least 1.00, in eight simulated drives,
 # too / at most 0.84 in 17 of 20 of halves, 13 of 15 of three quarters, 13 of 14 of nine tenths, 11 of 14 of 350 deg.
-CROSSES, VIEWS_CROSSED = 0.85, 5
-# Not derived: `LEAST_CROSSING`, `MOST_CROSSING`.
-LEAST_CROSSING = 4  # columns that cross, or the noise of a few decides
-MOST_CROSSING = 0.25  # of the circle, or too little stays in the picture to compare it with
-RELATED = 0.8  # correlation of what stays in the picture; with 0.5 a full circle in fog came to 0.86
-TURN_FACTOR_SIGMA = 0.5  # of the turns it shows: of half a circle half is true, two of them show half of it
+# What stays in the picture must itself be so alike: with 0.5 a full circle in fog came to 0.86.
+CROSSES = 0.85
+FEWEST_CROSSING = 4  # columns that cross, or the noise of a few decides; views in which they do
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,21 +74,21 @@ class CircleVerdict:
     @property
     def turn_factor_sigma(self) -> float:
         """Standard deviation of the factor by which all turns may be wrong alike."""
-        dark = self.blank > BLANK_SHARE and not self.discs  # of a full circle a part may be dark
-        return TURN_FACTOR_SIGMA if self.fault and not dark else 0.0
+        dark = self.blank > MAST and not self.discs  # of a full circle a part may be dark
+        return 0.5 if self.fault and not dark else 0.0  # of half a circle half is true, two of them show half of it
 
     @property
     def fault(self) -> str:
         """What is wrong, in words; empty where nothing is."""
         if self.discs:
             return "they are two round pictures side by side, as a camera with two fisheye lenses takes them"
-        if self.twice > TWICE:
+        if self.twice > HALFWAY:
             return f"their two halves show the same (correlation {self.twice:.2f}): the circle twice, as in stereo"
-        if self.blank > BLANK_SHARE:
+        if self.blank > MAST:
             return f"{100.0 * self.blank:.0f} % of their width shows nothing"
-        if self.middle > OPEN:
+        if self.middle > HALFWAY:
             return f"two pictures lie side by side that do not join in the middle ({self._step(self.middle)})"
-        if self.seam > OPEN:
+        if self.seam > HALFWAY:
             return f"their left and right ends do not join ({self._step(self.seam)})"
         if self.crossing < CROSSES:
             return (
@@ -131,7 +123,7 @@ class CircleCheck:
         """Take in an image that has texture, with the strip cut out of it."""
         self._count += 1
         every = EVERY if self._views <= 2 * VIEWS else 10 * EVERY  # a look takes half as long as an update
-        if (self._count - 1) % every or strip.columns < NARROWEST:
+        if (self._count - 1) % every or strip.columns < 4 * (BORDER_PX + 1):
             return
         self._looked += 1
         self._discs += _two_discs(image, encoding)
@@ -142,7 +134,7 @@ class CircleCheck:
         blank = None
         if strip.seen is None:
             grey = pixels + np.asarray(strip.means, np.float32)[::stride]
-            blank = grey.std(axis=0) < min(BLANK, BLANK_OF_ALL * float(grey.std()))
+            blank = grey.std(axis=0) < MIN_TEXTURE
         if self._last is None or self._last_strip is None:
             self._since_ns = strip.t_ns
         else:
@@ -155,7 +147,7 @@ class CircleCheck:
         self._last, self._last_strip, self._blank, self._verdict = pixels, strip, blank, None
         shown = pixels if blank is None else pixels[:, ~blank]
         if shown.size:
-            self._far = float(np.mean([_steps(shown, round(share * shown.shape[1])).mean() for share in FAR]))
+            self._far = float(_steps(shown, shown.shape[1] // 4).mean())
 
     def _is_new(self, pixels: Pixels, last: Pixels) -> bool:
         """Whether half of what the columns show, those that never show anything left out, has changed."""
@@ -179,7 +171,7 @@ class CircleCheck:
         """What was seen so far; None before enough different views were."""
         if self._verdict is None and (self._views >= VIEWS or self._discs >= VIEWS):
             seam, middle = (float(np.median(steps)) if len(steps) >= VIEWS else math.nan for steps in self._steps)
-            crossed = len(self._crossing) >= VIEWS_CROSSED
+            crossed = len(self._crossing) >= FEWEST_CROSSING
             crossing = float(np.quantile(self._crossing, 0.75)) if crossed else math.nan
             twice = float(np.median(self._twice)) if self._twice else math.nan
             blank = 0.0 if self._blank is None else float(self._blank.mean())
@@ -203,7 +195,7 @@ def _likeness_of_halves(strip: Strip) -> float:
     columns = strip.columns
     spectrum = strip.upright_spectrum
     likeness = scipy.fft.irfft((spectrum.real**2 + spectrum.imag**2).sum(axis=0), columns)
-    near = round(NEAR_HALF * columns)
+    near = columns // (2 * PEAKS_PER_CIRCLE)  # stereo: the second picture may lie beside the middle
     around = likeness[columns // 2 - near : columns // 2 + near + 1]
     return float(around.max() / max(float(likeness[0]), 1e-9))
 
@@ -219,7 +211,7 @@ def _likeness_of_crossing(before: Strip, now: Strip, changed: npt.NDArray[np.boo
     crossed = np.zeros(columns, np.bool_)
     crossed[slice(0, shift) if shift > 0 else slice(columns + shift, columns)] = True
     shows = changed & np.roll(changed, shift)
-    if not LEAST_CROSSING <= abs(shift) <= MOST_CROSSING * columns or (crossed & shows).sum() < LEAST_CROSSING:
+    if (crossed & shows).sum() < FEWEST_CROSSING:
         return []
     was, is_now = np.roll(before.smoothed(UPRIGHT_ROWS), shift, axis=1), now.smoothed(UPRIGHT_ROWS)
     if seen is not None:
@@ -228,7 +220,7 @@ def _likeness_of_crossing(before: Strip, now: Strip, changed: npt.NDArray[np.boo
         both = world * np.roll(world, shift, axis=1)
         was, is_now = was * both, is_now * both
     across, within = (_correlation(was[:, part], is_now[:, part]) for part in (crossed & shows, ~crossed & shows))
-    return [across / within] if within > RELATED else []
+    return [across / within] if within > CROSSES else []
 
 
 def _correlation(one: Pixels, other: Pixels) -> float:
@@ -242,12 +234,11 @@ def _two_discs(image: Image, encoding: str) -> bool:
     A row that is all black is none of theirs: it was not decoded.
     """
     height, width = image.shape[:2]
-    rows = to_grey(image[[int(share * height) for share in CORNER_ROWS]], encoding).astype(np.float32)
+    y, x = ((np.arange(16) + 0.5) / 16.0, (np.arange(64) + 0.5) / 64.0)
+    grey = to_grey(image[(y * height).astype(np.intp)][:, (x * width).astype(np.intp)], encoding).astype(np.float32)
     if image.dtype == np.uint16:
-        rows = rows / np.float32(257.0)
-    from_middle = np.abs((np.arange(width) + 0.5) / width * 2.0 % 1.0 - 0.5)  # of a disc, in its widths
-    chord = np.array([math.sqrt(max(share - share**2, 0.0)) for share in CORNER_ROWS])[:, None]
-    corner, disc = from_middle > 1.1 * chord, from_middle < 0.8 * chord
-    shown = rows.any(axis=1, keepdims=True)
-    corner, disc = corner & shown, disc & shown
-    return bool(shown.any() and rows[corner].mean() < DARK and rows[disc].mean() > 3.0 * DARK)
+        grey /= np.float32(257.0)
+    radius = np.hypot(2.0 * x % 1.0 - 0.5, y[:, None] - 0.5)  # from the middle of a disc, in its widths
+    shown = grey.any(axis=1, keepdims=True)
+    corner, disc = (radius > 0.55) & shown, (radius < 0.45) & shown
+    return bool(corner.any() and grey[corner].mean() < DARK and grey[disc].mean() > 3.0 * DARK)

@@ -6,13 +6,10 @@ shows the next picture as if nothing had been lost, although its `frame_num` jum
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-_START = re.compile(b"\0\0\1")
-_HEADER = 64  # bytes of a unit in which everything stands that is read
-_HIGH = (100, 110, 122, 244, 44, 83, 86, 118, 128)  # profiles whose parameter sets tell more
+HIGH = (100, 110, 122, 244, 44, 83, 86, 118, 128)  # profiles whose parameter sets tell more: H.264, 7.3.2.1.1
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,9 +67,8 @@ class UnitReader:
 
 
 def _units(data: bytes) -> Iterator[bytes]:
-    """The beginnings of the units, without the bytes that keep start codes from occurring in them."""
-    for found in _START.finditer(data):
-        unit = data[found.end() : found.end() + _HEADER]
+    """The units, without the bytes that keep start codes from occurring in them."""
+    for unit in data.split(b"\0\0\1")[1:]:
         if unit:
             yield unit[:1] + unit[1:].replace(b"\0\0\3", b"\0\0")
 
@@ -81,7 +77,7 @@ def _frame_num_bits(unit: bytes) -> int:
     """Length of `frame_num`, from a sequence parameter set."""
     bits = _Bits(unit[4:])
     bits.ue()  # seq_parameter_set_id
-    if unit[1] in _HIGH:
+    if unit[1] in HIGH:
         chroma = bits.ue()
         if chroma == 3:
             bits.u(1)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from enum import IntEnum
 
 import numpy as np
 import numpy.typing as npt
@@ -10,9 +11,16 @@ import numpy.typing as npt
 Bytes = npt.NDArray[np.uint8]
 
 BEGIN, END = b"\xff\xd8", b"\xff\xd9"
-_SEQUENTIAL = (0xC0, 0xC1)
-_RESTARTS, _SCAN, _EXIF = 0xDD, 0xDA, 0xE1
-_HEADER = 65536  # bytes among which the header nearly always is; colour profiles and previews may come before it
+
+
+class Marker(IntEnum):
+    """Of T.81, table B.1, what follows 0xff; and of Exif, CIPA DC-008."""
+
+    BASELINE = 0xC0
+    EXTENDED_SEQUENTIAL = 0xC1
+    SCAN = 0xDA
+    RESTART_INTERVAL = 0xDD
+    EXIF = 0xE1
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,8 +46,7 @@ class JpegHeader:
     @staticmethod
     def of(data: Bytes) -> JpegHeader:
         """Of a file's bytes, found as libjpeg finds it; zeros where there is none."""
-        header = _read(data[:_HEADER].tobytes())
-        return _read(data.tobytes()) if not header.width and data.size > _HEADER else header
+        return _read(data.tobytes())
 
 
 def _read(data: bytes) -> JpegHeader:
@@ -47,15 +54,15 @@ def _read(data: bytes) -> JpegHeader:
     while (at := data.find(b"\xff", at)) >= 0:
         while data[at : at + 1] == b"\xff":  # any number of them may fill the space before a marker
             at += 1
-        marker = data[at] if at < len(data) else _SCAN
-        if marker == _SCAN:  # pixels begin; of all components, or there are more scans to come
+        marker = data[at] if at < len(data) else Marker.SCAN
+        if marker == Marker.SCAN:  # pixels begin; of all components, or there are more scans to come
             is_plain = is_plain and data[at + 3 : at + 4] == bytes([components])
             break
         if 0xC0 <= marker <= 0xCF and marker not in (0xC4, 0xC8, 0xCC):
             height, width = (int.from_bytes(data[at + i : at + i + 2], "big") for i in (4, 6))
             frame, components = JpegHeader(width, height, at + 4), int.from_bytes(data[at + 8 : at + 9], "big")
-            is_plain = is_plain and marker in _SEQUENTIAL
-        is_plain = is_plain and marker not in (_RESTARTS, _EXIF)
+            is_plain = is_plain and marker in (Marker.BASELINE, Marker.EXTENDED_SEQUENTIAL)
+        is_plain = is_plain and marker not in (Marker.RESTART_INTERVAL, Marker.EXIF)
         alone = marker in (0x00, 0x01) or 0xD0 <= marker <= 0xD8  # these have no length
         at += 1 if alone else 1 + max(int.from_bytes(data[at + 1 : at + 3], "big"), 2)
     return JpegHeader(frame.width, frame.height, frame.height_at, is_plain and at >= 0)

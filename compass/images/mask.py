@@ -17,8 +17,6 @@ from compass.images.orientation import Orientation
 from compass.images.seen import Seen, Weights
 from compass.images.unwrap import BORDER_PX, Unwrapping
 
-WHITE = 127  # grey values above are the robot's
-
 
 @dataclass(frozen=True, eq=False)
 class RobotMask:
@@ -79,7 +77,7 @@ def load_mask(config: CompassConfig) -> RobotMask | None:
         raise ConfigError(f"mask: {error}") from None
     except ImageError as error:
         raise ConfigError(f"mask: {config.mask}: not a picture that can be read: {error}; {remedy}") from None
-    white = (picture >> 8 if picture.dtype == np.uint16 else picture) > WHITE
+    white = picture > np.iinfo(picture.dtype).max // 2
     return RobotMask(np.ascontiguousarray(Orientation.of(config).turned(white)))
 
 

@@ -11,6 +11,8 @@ import numpy.typing as npt
 
 Weights = npt.NDArray[np.float32]
 
+MAST = 0.1  # of the circle, hidden in one piece: a mast or a cable hides less
+
 
 @dataclass(frozen=True, eq=False)
 class Seen:

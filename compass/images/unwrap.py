@@ -16,7 +16,6 @@ from compass.images.projection import Flags, Floats, Projection
 from compass.images.seen import Seen, Weights
 
 BORDER_PX = 2  # of the strip, along an edge of what is seen: it is blurred, lenses and seams are dark there
-FEWEST_ROWS = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +101,7 @@ def unwrapping(
     row_height = (upper - lower) / rows
     elevation = np.asarray(upper - row_height / finer * (np.arange(rows * finer) + 0.5), np.float64)
     x, y, shown = projection.locate(azimuth[None, :], elevation[:, None], height, width)
-    if not shown.any() or rows < FEWEST_ROWS:
+    if not shown.any():
         raise ConfigError(_nothing(projection, azimuth, size, region))
     cut, reduced, maps = _maps(x, y, shown, size, finer_image)
     everywhere = np.asarray(

@@ -11,30 +11,6 @@ from compass.errors import ImageError
 from compass.images.decode import Image
 from compass.images.h264 import UnitReader
 
-# what drivers and encoders call a codec -> how FFmpeg does; the first whose part is in the name
-_CODECS = {
-    "264": "h264",
-    "avc": "h264",
-    "265": "hevc",
-    "hevc": "hevc",
-    "av1": "av1",
-    "vp9": "vp9",
-    "vp8": "vp8",
-    "mpeg4": "mpeg4",
-}
-_UNITS = ("h264", "hevc")
-MOST_WAITING = 64  # pictures that a decoder holds back, and their stamps
-WAITS = "waits for a key frame"
-
-
-def codec_of(name: str, data: bytes) -> str:
-    """FFmpeg's name of the codec that a message names, or of the units that `data` begins with; "" for no video."""
-    named = next((codec for part, codec in _CODECS.items() if part in name.lower().replace(".", "")), "")
-    if data[:3] == b"\0\0\1" or data[:4] == b"\0\0\0\1":
-        first = data[data.index(1) + 1 : data.index(1) + 2]
-        return named or ("hevc" if first in (b"\x40", b"\x42", b"\x44", b"\x46") else "h264")
-    return "" if data[:2] == b"\xff\xd8" or data[:4] == b"\x89PNG" else named
-
 
 class VideoDecoder:
     """Decodes one stream packet by packet.
@@ -69,9 +45,7 @@ class VideoDecoder:
         self.codec = codec
         self.skipped: Counter[str] = Counter()
         self._av: Any = av
-        self._stamps: dict[int, int] = {}
-        self._count = 0
-        self._reader = UnitReader(codec)
+        self._reader = UnitReader(codec) if codec in ("h264", "hevc") else None
         self._context = self._opened()
         self._waits = True
         self._last: tuple[int, bool] | None = None  # frame_num, and whether it was a reference
@@ -101,14 +75,10 @@ class VideoDecoder:
         ImageError
             There is no picture: the decoder waits for a key frame, or the packet is damaged.
         """
-        if self.codec in _UNITS:
-            self._look(data)
+        if self._reader:
+            self._look(data, self._reader)
         packet = self._av.Packet(data)
-        self._count += 1
-        packet.pts = self._count
-        self._stamps[self._count] = t_ns
-        while len(self._stamps) > MOST_WAITING:
-            del self._stamps[next(iter(self._stamps))]
+        packet.pts = t_ns  # the decoder hands it on to the packet's picture
         return self._decoded(packet)
 
     def rest(self) -> list[tuple[int, Image]]:
@@ -120,35 +90,32 @@ class VideoDecoder:
         finally:
             self._start_anew()
 
-    def _look(self, data: bytes) -> None:
+    def _look(self, data: bytes, reader: UnitReader) -> None:
         """Whether the packet can be decoded: that it follows the one before, or starts anew."""
-        units = self._reader.read(data)
+        units = reader.read(data)
         if units.frame_num is not None:
             number = units.frame_num
             if self._last is not None and not units.key:
                 last, reference = self._last
-                if number not in (last, (last + reference) % self._reader.most):
+                if number not in (last, (last + reference) % reader.most):
                     self._start_anew()
             self._last = (number, units.is_reference)
         if self._waits and not (units.key or units.parameters):
-            raise self._none(WAITS)
+            raise self._none("waits for a key frame")
         self._waits = self._waits and not units.key
 
     def _decoded(self, packet: Any) -> list[tuple[int, Image]]:
         try:
             frames = self._context.decode(packet)
         except self._av.error.FFmpegError as error:
-            self._start_anew()
-            raise self._none(f"is damaged ({str(error).split(']')[-1].strip()}); it {WAITS}") from None
-        pictures = []
-        for frame in frames:
-            t_ns = self._stamps.pop(frame.pts, None)
-            if frame.is_corrupt:
-                self._start_anew()
-                raise self._none(f"is damaged; it {WAITS}")
-            if t_ns is not None:
-                pictures.append((t_ns, _grey(frame)))
-        return pictures
+            raise self._damaged(str(error).split("]")[-1].strip()) from None
+        if any(frame.is_corrupt for frame in frames):
+            raise self._damaged("of a picture a part is missing")
+        return [(frame.pts, _grey(frame)) for frame in frames if frame.pts is not None]
+
+    def _damaged(self, why: str) -> ImageError:
+        self._start_anew()
+        return self._none(f"is damaged ({why}); it waits for a key frame")
 
     def _none(self, reason: str) -> ImageError:
         self.skipped[reason] += 1
@@ -157,7 +124,6 @@ class VideoDecoder:
     def _start_anew(self) -> None:
         """Forget what was decoded, but not the parameter sets: some encoders send them once."""
         self._context.flush_buffers()
-        self._stamps.clear()
         self._waits, self._last = True, None
 
 

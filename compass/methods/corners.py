@@ -15,25 +15,20 @@ from compass.features.bearings import Projection, Tangents, undo
 from compass.features.motion import AGREE, Motion, yaw_variance
 from compass.features.padded_strip import HALF, Picture
 from compass.features.points import Floats, Patches, cut_patches, find_corners, sectors_of
-from compass.features.prior import DISAGREE, FEWEST, GAP, LEVEL, LOCK_PX, ONE_SIDED, imu_tilt, precision_of, tilt_error
+from compass.features.prior import DISAGREE, FEWEST, GAP, ONE_SIDED, imu_tilt, precision_of, tilt_error
 from compass.features.solver import CLIMB, DIRECTION, ROTATION, YAW, Fit, Problem
 from compass.features.tracking import Tracks, track
 from compass.flow.coarse_shift import CoarseShift, coarse_shift, quantile
-from compass.flow.correlation import signed, upright_spectrum
+from compass.flow.correlation import FLOOR_PX, signed, upright_spectrum
 from compass.flow.pure_turn import pooled_turn, turn_variance
+from compass.images.seen import MAST
 from compass.images.strip import Strip
 from compass.increment import CompassStatus
 from compass.methods.match import Match, Search
 from compass.methods.sector_median import match_small
 
 MIN_COLUMNS = 256  # columns; with fewer a patch is larger than what it shows
-MIN_ROWS = 4 * HALF  # rows
-PART = 0.1  # of the circle, hidden in one piece: a camera that does not see all round; a mast or a cable hides less
 UNRELATED_PX = 0.18  # a deviation beyond it: no motion explains the corners, they show another place; not derived
-MAJORITY = 0.5  # of a keyframe's corners: where more are inliers of one motion, no other motion has as many
-# Pixels from image to image; corners that move by less are expected to go on so, and need no pyramid, which saves a
-# tenth of an update. RMS of 16 drives with it, without, and without pyramid all the same: 0.034, 0.031, 0.039 deg.
-STEADY_PX = 2.0
 
 
 @dataclass(slots=True, eq=False)
@@ -75,7 +70,7 @@ class CornerTracker:
 
     def __call__(self, reference: Strip, current: Strip, search: Search) -> Match:
         """How the current strip lies on the reference, see `compass.match.Match`."""
-        if reference.columns < MIN_COLUMNS or len(reference.pixels) < MIN_ROWS:
+        if reference.columns < MIN_COLUMNS or len(reference.pixels) < 4 * HALF:
             return match_small(reference, current, search)
         projection = Projection.of(reference, search.forward_px)
         key = self._keyframe_of(reference, projection)
@@ -86,14 +81,14 @@ class CornerTracker:
         self._newest = Picture(current)
         measured = imu_tilt(reference, current, coarse.shift_px * projection.per_column)
         # an IMU may err, and of what repeats itself another peak may be the highest: then few corners are found again
-        starts = dict.fromkeys([(coarse.shift_px, measured), (coarse.shift_px, LEVEL), (key.shift_px, measured)])
+        starts = dict.fromkeys([(coarse.shift_px, measured), (coarse.shift_px, (0.0, 0.0)), (key.shift_px, measured)])
         most, match = -1.0, Match(float(coarse.shift_px), math.inf, 0.0)
         for shift_px, tilt in starts:
             tried = replace(key, motion=replace(key.motion))
             inliers, found = _compared(tried, self._newest, replace(coarse, shift_px=shift_px), projection, tilt)
             if inliers > most:
                 most, match, self._keyframe = inliers, found, tried
-            if most > MAJORITY * len(key.patches):
+            if 2.0 * most > len(key.patches):  # no other motion has as many
                 break
         return match
 
@@ -125,7 +120,7 @@ def _widest_gap(column: Floats, columns: int) -> float:
 
 def _sees_part(strip: Strip) -> bool:
     """Whether the camera itself does not see all round, so that travel sideways may look like a turn."""
-    return strip.seen is not None and strip.seen.widest_hidden > PART
+    return strip.seen is not None and strip.seen.widest_hidden > MAST
 
 
 def _common_parallax(key: Keyframe, problem: Problem, match: Match) -> float:
@@ -178,7 +173,8 @@ def _tracked(
     predicted = projection.pixels(rotation @ key.tangents.ahead) - key.patches.centre
     rotated = predicted - key.predicted
     expected = key.last + np.stack([signed(rotated[:, 0], now.columns), rotated[:, 1]], axis=1)
-    steady = not key.motion.is_unknown and quantile(np.maximum(*np.abs(key.pace).T), 0.9) < STEADY_PX
+    # corners that move by less than a patch from image to image are expected to go on so, and need no pyramid
+    steady = not key.motion.is_unknown and quantile(np.maximum(*np.abs(key.pace).T), AGREE) < HALF
     guess = expected + key.pace if steady else expected
     tracks = track(key.picture, key.patches, now, guess.astype(np.float32), 0 if steady else 1)
     if now.clear is not None:
@@ -214,7 +210,7 @@ def _judged(key: Keyframe, tracks: Tracks, fit: Fit, problem: Problem, match: Ma
     yaw, tilt_x, tilt_y = fit.states[0, ROTATION].tolist()
     variance = yaw_variance(fit, sectors_of(tracks.at, tracks.columns), key.motion.travels) / px**2
     if not key.motion.travels:
-        variance += LOCK_PX**2
+        variance += FLOOR_PX**2
     status = match.status
     if variance > UNRELATED_PX**2 or fit.inlier.sum() < FEWEST:
         status = CompassStatus.LOW_CONFIDENCE

@@ -57,5 +57,10 @@ class Match:
     spread_px: float = math.inf
     tilt: tuple[float, float] = (0.0, 0.0)
 
+    @staticmethod
+    def none(shift_px: float = 0.0, confidence: float = 0.0) -> Match:
+        """No answer: the corners agree on no motion."""
+        return Match(shift_px, math.inf, confidence, CompassStatus.LOW_CONFIDENCE)
+
 
 Method = Callable[[Strip, Strip, Search], Match]

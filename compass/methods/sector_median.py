@@ -9,7 +9,7 @@ import numpy as np
 
 from compass.features.points import SECTORS
 from compass.flow.coarse_shift import coarse_shift, quantile
-from compass.flow.correlation import Floats, pooled_spectrum, signed
+from compass.flow.correlation import FLOOR_PX, Floats, pooled_spectrum, signed
 from compass.flow.pure_turn import pooled_turn, turn_variance
 from compass.images.strip import Pixels, Strip
 from compass.methods.match import Match, Search
@@ -19,10 +19,8 @@ REACH_PX = 20  # how far a sector may lie from the coarse shift, columns
 TAPS = 6  # samples on either side of the best one that its interpolation uses
 FINE = 16  # interpolated samples per column
 CORRELATED_PIXELS = 4.0  # that share their error: smoothing, and parallax inside a sector; not derived
-MOSTLY = 0.3  # of a sector must show the world in both strips; losing more on one side misleads their median
 SPREAD_FACTOR = 8.0  # times as far as sectors may corners move apart until the keyframe is renewed: by 8 columns, not 1
 AGREED = 1.5  # deviations: three sectors of four this near to all rows pooled saw nothing but a turn
-NOISE_FLOOR_PX = 0.01  # what interpolation and JPEG leave of a shift's error, columns; not derived
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,12 +106,12 @@ def local_shifts(
     inside = (best >= TAPS) & (best <= 2 * reach - TAPS) & (bend < 0.0) & (energy > 1e-3 * energy.mean())
     if reference.seen is not None and current.seen is not None:
         both = (reference.seen.smoothed * np.roll(current.seen.smoothed, -coarse_px, axis=1)).mean(axis=0)
-        inside &= windows @ both > MOSTLY * windows.sum(axis=1)
+        inside &= 2.0 * (windows @ both) > windows.sum(axis=1)  # most of a sector
     # Cramer-Rao: noise energy over gradient energy; the gradient's is the curvature of the correlation
     pixels = windows.sum(axis=1) * len(before) / CORRELATED_PIXELS
     noise = 2.0 * np.clip(1.0 - height, 1e-5, None) / (pixels * np.where(inside, -bend, 1.0))
     centre = columns / sectors * np.arange(sectors)
-    sigma = np.sqrt(noise + NOISE_FLOOR_PX**2)
+    sigma = np.sqrt(noise + FLOOR_PX**2)
     return SectorShifts(centre[inside], (coarse_px - reach + lag)[inside], sigma[inside])
 
 
