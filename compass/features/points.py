@@ -91,9 +91,10 @@ def sectors_of(at: Pixels, columns: int) -> npt.NDArray[np.intp]:
 def cut_patches(picture: Picture, at: Pixels) -> Patches:
     """What surrounds corners at (n, 2) columns and rows of the strip."""
     around = _windows(picture.soft, at.astype(np.intp), 1)
-    values, contrast = levelled(around[:, 1:-1, 1:-1].reshape(len(at), -1))
+    pixels = WINDOW.size  # of each; -1 would not do where there is no corner
+    values, contrast = levelled(around[:, 1:-1, 1:-1].reshape(len(at), pixels))
     right, down = around[:, 1:-1, 2:] - around[:, 1:-1, :-2], around[:, 2:, 1:-1] - around[:, :-2, 1:-1]
-    right, down = (0.5 * one.reshape(len(at), -1) for one in (right, down))
+    right, down = (0.5 * one.reshape(len(at), pixels) for one in (right, down))
     slopes = np.stack([right, down], axis=1)
     growing = right * ACROSS + down * DOWN
     # a change of brightness or contrast is no shift: both are taken out of the slopes

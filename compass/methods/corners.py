@@ -116,7 +116,9 @@ class CornerTracker:
 
 
 def _widest_gap(column: Floats, columns: int) -> float:
-    """Share of the circle between two neighbouring corners, at most."""
+    """Share of the circle between two neighbouring corners, at most; all of it where there is none."""
+    if not column.size:
+        return 1.0
     around = np.sort(column)
     return float(np.diff(around, append=around[:1] + columns).max()) / columns
 
