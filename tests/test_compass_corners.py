@@ -254,3 +254,21 @@ def test_settings_say_how_long_a_keyframe_lasts(spread):
     frames = [as_bytes(driven(sphere(13), 0.004 * k, 0.0, (1.0, 3.0)), NOISE, k) for k in range(4)]
     increment = show(engine, *frames, t_ns=0)
     assert increment.t_ref_ns == (0 if spread < 0.0 else 2 * FRAME_NS)
+
+
+BARS = np.where(np.random.default_rng(0).random(512) > 0.5, 200, 50).astype(np.uint8)
+
+
+@pytest.mark.parametrize(
+    "row",
+    [BARS, np.where(np.arange(512) // 40 == 3, 200, 60).astype(np.uint8), np.abs(np.arange(512) - 256).clip(0, 255)],
+    ids=["bars", "one bar", "gradient"],
+)
+def test_image_without_any_corner_is_matched_by_its_rows(row):
+    """Upright bars have edges and no corners: none to be cut out, and none to be counted."""
+    compass = VisualCompass()
+    for k in range(6):
+        compass.update(10**18 + k * FRAME_NS, np.tile(np.roll(row, 3 * k).astype(np.uint8), (256, 1)))
+        compass.long_baseline()
+        assert compass.status is (CompassStatus.OK if k else CompassStatus.FIRST_FRAME)
+    assert compass.yaw == pytest.approx(15 * math.tau / 512, abs=1e-3)

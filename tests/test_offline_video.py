@@ -260,3 +260,21 @@ def test_turn_before_the_first_increment_counts(tmp_path):
     yaws = fuse(tmp_path, tmp_path / "out")["yaw"]
     for source in ("raw_compass", "fused"):
         assert yaws[source]["turned_deg"] == pytest.approx(turned, abs=0.1)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_damaged_video_is_named_or_right(video, tmp_path, seed, capsys):
+    """Bytes flipped anywhere: frames that FFmpeg would make up from others are left out, and all is told."""
+    data, rng = bytearray(video.read_bytes()), np.random.default_rng(seed)
+    for place in rng.integers(0, len(data), (1, 5, 50)[seed % 3]):
+        data[place] ^= int(rng.integers(1, 256))
+    path = tmp_path / "ride.mp4"
+    path.write_bytes(data)
+    code = main(["fuse", str(path), "--out", str(tmp_path / "out")])
+    assert code in (0, 1)
+    if code == 1:
+        assert capsys.readouterr().err.count("\n") == 1
+        return
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    yaw = summary["yaw"].get("raw_compass", {"turned_deg": math.nan})
+    assert abs(yaw["turned_deg"] - TURNED) < 0.5 or summary["warnings"]

@@ -72,9 +72,9 @@ class VideoFile:
         if not os.path.isfile(self.path):
             raise ImageFileError(f"{self.path}: {'no regular' if os.path.exists(self.path) else 'no such'} file")
         try:
-            container = av.open(str(self.path))
-        except (av.error.FFmpegError, OSError) as error:
-            why = error.strerror or type(error).__name__
+            container = av.open(str(self.path), metadata_errors="replace")
+        except (av.error.FFmpegError, OSError, ValueError) as error:
+            why = getattr(error, "strerror", None) or type(error).__name__
             raise ImageFileError(
                 f"{self.path}: cannot be read as a video: {why}; was its recording finished?"
             ) from None
@@ -98,6 +98,7 @@ class VideoFile:
         seen = 0
         with self._opened() as (container, stream):
             stream.thread_type = "AUTO"
+            stream.codec_context.options = {"err_detect": "explode"}  # else damage is filled in
             first = stream.start_time or 0
             for frame in _decoded(container, stream, dropped):
                 if frame.pts is None or frame.pts < first:
@@ -147,10 +148,10 @@ class VideoFile:
 
 
 def _decoded(container: Any, stream: Any, dropped: Counter[str]) -> Iterator[Any]:
-    """All frames; packets that cannot be decoded are counted, a file that ends too early ends."""
+    """All sound frames; the damaged, and those made from them, are counted; a file that ends too early ends."""
     import av
 
-    packets = container.demux(stream)
+    packets, waits = container.demux(stream), False
     while True:
         try:
             packet = next(packets, None)
@@ -163,5 +164,11 @@ def _decoded(container: Any, stream: Any, dropped: Counter[str]) -> Iterator[Any
             frames = packet.decode()
         except av.error.FFmpegError as error:
             dropped[f"video: frame damaged ({error.strerror})"] += 1
+            waits = True
             continue
-        yield from frames
+        for frame in frames:
+            waits = frame.is_corrupt or (waits and not frame.key_frame)
+            if waits:
+                dropped["video: frame made from one that is damaged, until the next key frame"] += 1
+            else:
+                yield frame
