@@ -185,12 +185,15 @@ def match_landmarks(reference: Strip, current: Strip, search: Search) -> Match:
     corners = views.matched(pairs)
     motion = _found(views, corners)
     outliers = ~_inliers(views, views.matched(alike), motion)
+    if 2 * np.count_nonzero(_inliers(views, corners, motion)) <= len(pairs):  # another motion may have as many
+        return Match.none()
     if _evidence(views, corners, motion) < MIN_EVIDENCE or _rivalled(views, views.matched(alike[outliers]), motion):
         return Match.none()
-    per_px, yaw = views.projection.per_column, float(motion.states[0, YAW])
+    per_px, mean = views.projection.per_column, views.expected(float(motion.states[0, YAW]))
     sigma = math.sqrt(yaw_variance(motion, sectors_of(corners.at, reference.columns), True))
-    match = _sharpened(views, pairs, motion, views.expected(yaw), sigma)
-    variance = match.variance_px2 + motion.ambiguity / per_px**2
+    match = _sharpened(views, pairs, corners.motions(mean, sigma), mean, sigma)
+    # what misleads all corners alike, alignment does not mend
+    variance = match.variance_px2 + (sigma / per_px) ** 2
     # motions were told apart by as much: in fog one of 15 pairs was 4 deg off at a claimed half, on rough ground 6
     return replace(match, variance_px2=variance) if variance * per_px**2 < TILT_SIGMA**2 else Match.none()
 

@@ -17,7 +17,9 @@ from compass.images.strip import Pixels
 Floats = npt.NDArray[np.floating]
 
 SECTORS, PER_SECTOR = 32, 6  # corners are spread over the circle: the strongest of each sector; not derived
-WEAKEST = 3e-3  # smaller eigenvalue of a corner, of that of the strongest; not derived
+# Smaller eigenvalue of a corner, of that of the strongest: without, increments err by 1.15 times as much
+# (docs/lab-notes/constants-2026-11-29.md).
+WEAKEST = 3e-3
 SIDE = 2 * HALF + 1
 ACROSS, DOWN, WINDOW = patch_grid(HALF)
 # Weights of six neighbours in a row at a part p of the way from the third to the fourth, by 1, p, p^2 and p^3.

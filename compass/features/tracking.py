@@ -24,7 +24,11 @@ Index = npt.NDArray[np.intp]
 # docs/lab-notes/constants-2026-11-29.md.
 SETTLED = 0.2
 LONGEST_CORRECTION_PX = 1.0  # pixels by which it may move a track in all
-# OpenCV's default is 30 rounds to 0.01 pixels; fewer, as the alignment that follows is finer. Not derived.
+# Of the corners, or they are sought with more levels of the pyramid: with a half a walk at 2 Hz ends 1.9 deg off
+# instead of 1.1 (docs/lab-notes/constants-2026-11-29.md).
+ENOUGH = 0.7
+# OpenCV's default is 30 rounds to 0.01 pixels; with that increments err by 1.13 times as much
+# (docs/lab-notes/constants-2026-11-29.md).
 STOP = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 10, 0.03)
 # Normalised correlation of a patch with what it is found as; with 0.7 and 0.92 long baselines are better here and worse
 # there (docs/lab-notes/compass-2026-11-27.md).
@@ -75,7 +79,7 @@ def track(before: Picture, patches: Patches, now: Picture, guess: Pixels, levels
         Of the pyramid above the picture itself: 0 where they are expected to a pixel or two.
     """
     tracks = _tracked(before, patches, now, guess, levels)
-    if 2 * tracks.index.size < len(patches):
+    if tracks.index.size < ENOUGH * len(patches):
         farther = _tracked(before, patches, now, guess)
         tracks = farther if farther.index.size > tracks.index.size else tracks
     return tracks

@@ -37,6 +37,7 @@ HALFWAY = 0.5
 # too / at most 0.84 in 17 of 20 of halves, 13 of 15 of three quarters, 13 of 14 of nine tenths, 11 of 14 of 350 deg.
 # What stays in the picture must itself be so alike: with 0.5 a full circle in fog came to 0.86.
 CROSSES = 0.85
+TURN_FACTOR_SIGMA = 0.5  # of the turns it shows: of half a circle half is true, two of them show half of it
 FEWEST_CROSSING = 4  # columns that cross, or the noise of a few decides; views in which they do
 
 
@@ -75,7 +76,7 @@ class CircleVerdict:
     def turn_factor_sigma(self) -> float:
         """Standard deviation of the factor by which all turns may be wrong alike."""
         dark = self.blank > MAST and not self.discs  # of a full circle a part may be dark
-        return 0.5 if self.fault and not dark else 0.0  # of half a circle half is true, two of them show half of it
+        return TURN_FACTOR_SIGMA if self.fault and not dark else 0.0
 
     @property
     def fault(self) -> str:
