@@ -27,7 +27,8 @@ from compass.images.unwrap import BORDER_PX
 EVERY = 5  # images from one that is looked at to the next, ten times as many after the first verdict
 VIEWS = 8  # different ones, before anything is said: a pole may stand just at the seam in one or two
 NEW_VIEW = 0.2  # of the step between columns far apart: a column that changed by so much shows something else
-DARK = 10.0  # grey values of 255 in the corners that two round pictures leave
+DARK = 10.0  # grey values of 255: black in the corners that two round pictures leave, after JPEG; not derived
+RIM = 0.05  # of a disc's width, within which its edge may lie; not derived
 # Halfway from what neighbours have to what any columns have. Medians over views of six photographs cut anywhere, two
 # real videos, a simulated corridor / the same photographs and a video of which half a circle, or nine tenths, are left:
 # step across the seam at most 0.09, and 0.25 for an imperfect seam / 0.78 to 1.2, and 0.55 to 1.0; correlation of the
@@ -241,5 +242,5 @@ def _two_discs(image: Image, encoding: str) -> bool:
         grey /= np.float32(257.0)
     radius = np.hypot(2.0 * x % 1.0 - 0.5, y[:, None] - 0.5)  # from the middle of a disc, in its widths
     shown = grey.any(axis=1, keepdims=True)
-    corner, disc = (radius > 0.55) & shown, (radius < 0.45) & shown
+    corner, disc = (radius > 0.5 + RIM) & shown, (radius < 0.5 - RIM) & shown
     return bool(corner.any() and grey[corner].mean() < DARK and grey[disc].mean() > 3.0 * DARK)

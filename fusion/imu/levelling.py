@@ -20,7 +20,8 @@ from fusion.imu.vectors import AXES, dot, nearest_axis, vector
 from fusion.imu.warnings import Complaints
 from fusion.samples import GyroSample
 
-UNKNOWN_MOUNT = 1.0 - math.cos(math.radians(20.0))  # of a rate: IMUs are mounted level, along an axis, or nearly so
+# Of a rate: IMUs are mounted level or nearly so, by a bracket's 20 deg at most, which nobody has counted: not derived.
+UNKNOWN_MOUNT = 1.0 - math.cos(math.radians(20.0))
 FASTEST_GYRO = 35.0  # rad/s; 2000 deg/s is the largest range of such gyros
 
 
