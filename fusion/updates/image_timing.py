@@ -13,9 +13,9 @@ if TYPE_CHECKING:
 
 
 def exposure_of(state: FilterState) -> Exposure:
-    """What happened between the exposure of an image stamped at present, and now."""
+    """What happened between the exposure of an image stamped at present, and now: nothing where the robot stands."""
     if state.stillness.standing:
-        return Exposure()
+        return Exposure(float(state.x[State.CAMERA_DELAY]))
     return exposure(
         state.ekf, state.t_ns or 0, state.trail if state.trail.points and state.hears(Sensor.GYRO) else None
     )
