@@ -175,6 +175,9 @@ class YawFilter:
         known = unconfirmed is not None and not unconfirmed.beginning
         if agreed and (known or sum(map(state.hears, Sensor)) > 1):
             unconfirmed = state.confirmed(self.config.initial_rate_sigma)
+            if isinstance(event, CompassEvent) and gate.report:  # it confirms to within its own error
+                doubt, error = before.unconfirmed_variance, gate.report.innovation_sigma**2
+                unconfirmed = replace(unconfirmed, left=doubt * error / (doubt + error))
         elif unconfirmed is not None and unconfirmed.is_alone(event.t_ns) and sum(map(state.hears, Sensor)) < 2:
             unconfirmed = None
         elif unconfirmed is not None and isinstance(event, TracksEvent):

@@ -21,11 +21,13 @@ def rad(degrees):
     return math.radians(degrees)
 
 
-def window(index, gyro=None, tracks=None, compass=None, followed=0.0, *, change=0.0, beyond=False, part=False):
-    """A window of half a second; turns in deg."""
+def window(
+    index, gyro=None, tracks=None, compass=None, followed=0.0, *, change=0.0, beyond=False, part=False, scale=0.0
+):
+    """A window of half a second; turns in deg, `scale` the standard deviation of the gyro's scale factor."""
     claims = [
-        None if turn is None else Claim(rad(turn), rad(noise))
-        for turn, noise in ((gyro, 0.02), (tracks, 0.4), (compass, 0.04))
+        None if turn is None else Claim(rad(turn), rad(noise), scale)
+        for turn, noise, scale in ((gyro, 0.02, scale), (tracks, 0.4, 0.0), (compass, 0.04, 0.0))
     ]
     times = index * S, (index + 1) * S
     return Window(*times, *claims, rad(followed), rate_change=change, gyro_beyond=beyond, part=part)
@@ -84,11 +86,13 @@ def test_small_step_of_the_bias_shows_in_several_windows():
     assert robot.yaw == pytest.approx(1.5 + 3 * 0.3)  # what the windows until then had added is taken back
 
 
-def test_what_may_be_a_scale_factor_is_no_step_of_the_bias():
+@pytest.mark.parametrize(("scale", "steps"), [(0.008, False), (0.001, True)])
+def test_what_may_be_a_scale_factor_is_no_step_of_the_bias(scale, steps):
+    """As it may be as long as nobody has learnt the factor."""
     robot = Robot()
     for turn in (8.0, 8.0, 8.0, 8.0):
-        robot.see(gyro=1.05 * turn, compass=turn)
-    assert not robot.iso.alternatives
+        robot.see(gyro=1.05 * turn, compass=turn, scale=scale)
+    assert bool(robot.iso.alternatives) is steps
     assert not robot.iso.exclusions
 
 

@@ -17,7 +17,7 @@ from fusion.checks.windows import WINDOW_NS, Claim, Window
 LONG = 6.0  # s; in longer ones errors that last are no noise any more
 STUCK = 0.2  # ratio of turns; less is no scale factor, nor is more than its inverse
 STEADY, STEADY_WINDOWS = 0.2, 2  # by so much of itself a bias changes; windows that show it
-SCALED = 0.1  # of a turn; who differs by less may have another scale factor, which the filter learns
+SCALED = 12.0  # standard deviations of the gyro's scale factor: a tenth of a turn as long as it is not learnt
 SLIPPED_ON = 3  # windows; tracks that slip for longer do not see the robot turn
 
 
@@ -101,7 +101,7 @@ def _gyro_steps(iso: Isolation, long: Window, bias: float) -> Judged | None:
     if gyro is None or compass is None:
         return None
     off = gyro.turn - compass.turn
-    least = max(GROSS * WINDOW_NS * 1e-9, SCALED * abs(compass.turn))
+    least = max(GROSS * WINDOW_NS * 1e-9, SCALED * gyro.scale * abs(compass.turn))
     if not (least < abs(off) <= GROSS * long.seconds and contradict(gyro, compass, 0.0)):
         return None
     third = Third().plus(long.tracks, gyro.turn, -off).swapped()

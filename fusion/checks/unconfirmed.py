@@ -122,6 +122,8 @@ class Unconfirmed:
         that turns to and fro comes by where all seems to be right, as their scale factor is not known.
     beginning : bool
         Whether no two sensors have agreed yet: since the start, at which a robot is taken to stand.
+    left : float
+        What of before `since` is still unconfirmed, rad^2: an image confirms to within its own error only.
     """
 
     since: Belief
@@ -135,6 +137,7 @@ class Unconfirmed:
     by_tracks: float = 0.0
     held: float = 0.0
     beginning: bool = False
+    left: float = 0.0
 
     def is_alone(self, t_ns: int) -> bool:
         """Whether so much time has passed since the start that whoever speaks is the only one."""
@@ -215,6 +218,9 @@ class Unconfirmed:
 
     def variance(self, now: Belief, *, images: bool) -> float:
         """What it adds to that of the yaw, rad^2; `images`: no gyro, but images measure the turn, and tracks slip."""
+        return self.left + self._since(now, images=images)
+
+    def _since(self, now: Belief, *, images: bool) -> float:
         if self._witnessed(now):
             turned = self._beyond_rate(self.seen, now) if images and self.seen else 0.0
             return self._beside_tracks(now, images=images) + turned

@@ -107,7 +107,8 @@ class CompassUpdate:
         known_ns = before.gates[Sensor.COMPASS].accepted_ns
         if verdict is Verdict.ACCEPTED and state.paused_ns > (known_ns or event.sample.t_ref_ns):
             state.turn_count = state.turn_count.after(event.t_ns, measurement.innovation, expected.S)
-        if known and not state.isolation.exclusions and not increment.long_baseline and not moved:
+        drifts = before.gates[Sensor.COMPASS].refused_like(measurement.innovation)  # that is no jitter: it is white
+        if known and not state.isolation.exclusions and not increment.long_baseline and not moved and not drifts:
             state.jitter = state.jitter.after(measurement.innovation, others, rate)
         if verdict is None or excluded:
             ekf.anchor(since, measurement)
