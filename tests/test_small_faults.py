@@ -155,3 +155,22 @@ def test_what_tracks_claimed_at_most_is_kept_as_their_scale_is_not_known():
         alternative = alternative.plus(turn, Window(index * S, (index + 1) * S, None, None, None, 0.0))
     assert alternative.offset == pytest.approx(0.0)
     assert alternative.variance(2 * S) >= Alternative(Sensor.TRACKS, 0, 0.2).variance(0)
+
+
+@pytest.mark.parametrize(
+    ("seed", "step", "since", "gyro_hz", "track_hz", "camera_delay"),
+    [
+        pytest.param(5152, -0.011, 22.1, 100, 20, 0.03, id="stops before a camera that is late"),
+        pytest.param(3160, 0.0187, 20.6, 50, 50, 0.0, id="as if the camera were late, at one stop"),
+        pytest.param(8823, -0.0082, 16.8, 50, 50, 0.0, id="as if stamps strayed"),
+        pytest.param(3045, 0.0075, 15.1, 100, 50, 0.03, id="as if the gyro had another scale"),
+    ],
+)
+def test_bias_that_steps_beside_all_sensors_is_covered(seed, step, since, gyro_hz, track_hz, camera_delay):
+    """And what else could explain it for a while is no reason to forget by how much the sensors differed."""
+    drive = robot_drive(seed, seconds=45.0, gyro_hz=gyro_hz, track_hz=track_hz, camera_delay=camera_delay)
+    drive = drive.changed(lambda s: replace(s, yaw_rate=s.yaw_rate + step), GyroSample, since)
+    _, error, sigma, _ = run(drive)
+    ratio = np.abs(error) / np.maximum(sigma, FLOOR)
+    assert np.max(ratio) < 4.0
+    assert np.sum(ratio > 3.0) * 0.1 < 1.0

@@ -63,13 +63,14 @@ def _drive(rng: np.random.Generator) -> RobotDrive:
     return sensed(
         rng, smooth(rate), smooth(speed), bias=float(0.006 * rng.normal()), scale=float(rng.uniform(0.9, 1.6)),
         hertz=hertz, eyes=eyes, gyro_noise=float(rng.uniform(0.0008, 0.005)),
+        camera_delay=max(float(rng.uniform(-0.1, 0.1)), 0.0),
     )  # fmt: skip
 
 
 def _fault(rng: np.random.Generator) -> tuple[str, str, Change]:
     """Letter of the sensor, name, and what is done to it."""
     side = float(rng.choice([-1.0, 1.0]))
-    bias = side * math.exp(rng.uniform(math.log(0.02), math.log(1.0)))
+    bias = side * math.exp(rng.uniform(math.log(0.003), math.log(1.0)))
     factor, top = float(rng.choice([0.5, 0.7, 0.85, 1.15, 1.4, 2.0])), float(rng.uniform(0.2, 0.9))
     off, late, gap = side * float(rng.uniform(0.15, 2.0)), float(rng.uniform(0.3, 1.5)), float(rng.uniform(0.1, 0.9))
     angle, every = side * float(rng.uniform(0.3, 3.1)), float(rng.uniform(4.0, 9.0))
