@@ -122,6 +122,9 @@ class Alternative:
         At which the offset grew in it, rad/s: as long as nobody knows better, it goes on so.
     recovery : Recovery or None
         Whether it is as it was before; None before the first window since.
+    driven : bool
+        Whether the robot has driven since: as long as it stands, that it turns along with what it stands on, as the
+        gyro has it, is as likely as before.
     no_bias : bool
         Whether a compass was followed before it, and no bias of the gyro explained all that they contradict by.
     """
@@ -136,6 +139,7 @@ class Alternative:
     no_bias: bool = False
     recovery: Recovery | None = None
     most: float = 0.0
+    driven: bool = True
 
     def variance(self, t_ns: int) -> float:
         """What it adds at a time, ns, to that of the yaw, rad^2."""

@@ -22,6 +22,8 @@ SUSTAINED = 1.5  # of the last window's contradiction that they must sum up to, 
 def with_window(alternative: Alternative, window: Window, bias: float) -> Alternative:
     """An alternative with one more window. Tracks slip now and then: of theirs only what contradicts counts."""
     claim = window.claim(alternative.sensor)
+    if window.tracks and not window.tracks.rests:
+        alternative = replace(alternative, driven=True)
     if alternative.sensor is Sensor.TRACKS or claim is None:
         return replace(alternative, rate=0.0)
     turn, followed = alternative.turn(claim, window.seconds, bias), window.claim(alternative.against)
@@ -66,7 +68,7 @@ def _other_bias_at_rest(alternative: Alternative, window: Window, bias: float) -
     Tracks have to say that it stands: to images that do not turn with the robot, one that turns evenly does, too.
     """
     noise = CONTRADICTION_SIGMAS * window.bias_sigma
-    return window.stood and window.tracks is not None and abs(alternative.bias - bias) > max(noise, CREEP_RATE)
+    return window.stood and window.tracks is not None and alternative.driven and abs(alternative.bias - bias) > max(noise, CREEP_RATE)
 
 
 def _follow(iso: Isolation, alternative: Alternative, window: Window) -> Judged:

@@ -80,11 +80,13 @@ def _judge_start(iso: Isolation, window: Window, bias: float) -> Judged:
 def _judge_long(iso: Isolation, window: Window, bias: float) -> Judged:
     """Judge several windows as one, in which nothing contradicted so far."""
     before = iso.long if iso.long and iso.long.t_ns == window.start_ns else None
+    if before and window.compass is None and _rests(window) and not _rests(before):
+        before = None  # beside tracks alone it shows as soon as they rest
     long = before.plus(window) if before else window
     remedy = Remedy()
     if before:
         alone = replace(iso, last=None)
-        steps = _gyro_steps(alone, long, bias) or _gyro_against_rest(alone, long, bias)
+        steps = _gyro_steps(alone, long, bias) or _gyro_against_rest(alone, long, window, bias)
         iso, remedy = steps or _judge_trusted(alone, long, bias)
     if remedy.shift or iso.exclusions or iso.alternatives:
         return replace(iso, last=None, long=None), remedy
@@ -111,14 +113,30 @@ def _gyro_steps(iso: Isolation, long: Window, bias: float) -> Judged | None:
     return iso, Remedy.of((iso.following(Sensor.COMPASS, long), Remedy(bias=bias, rate=compass.turn / long.seconds)))
 
 
-def _gyro_against_rest(iso: Isolation, long: Window, bias: float) -> Judged | None:
-    """A gyro turns for several windows while tracks stand, by so little that one does not show it; None where not."""
+def _gyro_against_rest(iso: Isolation, long: Window, window: Window, bias: float) -> Judged | None:
+    """A gyro turns for several windows while tracks stand, by so little that one does not show it; None where not.
+
+    At one rate all the while it is a bias; that it was none stays the alternative. Else the tracks may be lifted.
+    """
     gyro, tracks = iso.trusted(Sensor.GYRO, long), iso.trusted(Sensor.TRACKS, long)
-    if gyro is None or tracks is None or long.compass is not None or not tracks.rests:
+    if gyro is None or tracks is None or window.gyro is None or long.compass is not None or not tracks.rests:
         return None
-    if abs(gyro.turn - tracks.turn) <= GROSS * WINDOW_NS * 1e-9 or not contradict(gyro, tracks, 0.0):
+    off = gyro.turn - tracks.turn
+    if abs(off) <= GROSS * WINDOW_NS * 1e-9 or not contradict(gyro, tracks, 0.0):
         return None
-    return _tracks_against(iso.noting(long), gyro, tracks, long, bias)
+    rate, iso = off / long.seconds, iso.noting(long)
+    noise = math.sqrt(max(window.gyro.noise**2 - (window.bias_sigma * window.seconds) ** 2, 0.0)) / window.seconds
+    claimed = [one.rate_of(Sensor.GYRO) for one in iso.turned if one.start_ns >= long.start_ns]
+    steady = all(one is not None and abs(one - bias - rate) <= CONTRADICTION_SIGMAS * noise for one in claimed)
+    if not (steady and window.tracks_spoke):
+        return _tracks_against(iso, gyro, tracks, long, bias)
+    none = Alternative(Sensor.GYRO, long.start_ns, off, bias, until_ns=long.t_ns, rate=rate, driven=False)
+    iso = iso.excluding(Sensor.GYRO, long, tracks.turn, off).with_alternative(none)
+    return iso, Remedy.of((iso.following(Sensor.TRACKS, long), rebias(gyro, tracks, long, bias)))
+
+
+def _rests(window: Window) -> bool:
+    return window.tracks is not None and window.tracks.rests
 
 
 def _judge_trusted(iso: Isolation, window: Window, bias: float) -> Judged:

@@ -53,6 +53,11 @@ class Turned:
             turns[0] += bias * window.seconds  # it may change from window to window while the gyro contradicts
         return Turned(window.start_ns, window.t_ns, tuple(turns))
 
+    def rate_of(self, sensor: Sensor) -> float | None:
+        """Mean turn rate that a sensor claims, rad/s."""
+        turn = dict(zip(Sensor, self.turns, strict=True))[sensor]
+        return None if turn is None else turn / ((self.t_ns - self.start_ns) * 1e-9)
+
 
 @dataclass(frozen=True, slots=True)
 class TimeOffset:

@@ -53,6 +53,8 @@ class FilterState:
         Increments whose reference the filter had never seen or forgotten.
     stillness : Stillness
         Signs of standing still.
+    rested_ns : int or None
+        When the robot was last found to stand, which showed the gyro's bias.
     turns : Turns
         What each sensor says of the present window.
     isolation : Isolation
@@ -109,6 +111,7 @@ class FilterState:
     gates: dict[Sensor, Gate] = field(default_factory=lambda: {sensor: Gate() for sensor in Sensor})
     references_lost: int = 0
     stillness: Stillness = field(default_factory=lambda: Stillness(0))
+    rested_ns: int | None = None
     turns: Turns = field(default_factory=Turns)
     isolation: Isolation = field(default_factory=Isolation)
     gyro_vague: bool = False

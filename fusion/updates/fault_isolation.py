@@ -70,6 +70,7 @@ class FaultIsolation:
                 # images from references of before claim all that was refused, not what this window adds to it
                 claimed = max(alternative.offset, state.refusal.last - remedy.shift, key=abs)
                 state.isolation = state.isolation.with_alternative(replace(alternative, offset=claimed))
+            _doubt_since_rest(state, window, before.contradicting)
             if self._apply(state, remedy):
                 wrong_ns = min(remedy.since_ns, start_ns - WINDOW_NS)
             state.warnings = warnings_of(state.isolation)
@@ -197,6 +198,16 @@ class FaultIsolation:
         if alternative is None:
             alternative = Alternative(Sensor.GYRO, since_ns, 0.0, bias=float(state.ekf.x[State.BIAS]))
         state.isolation = state.isolation.with_alternative(replace(alternative, offset=alternative.offset + offset))
+
+
+def _doubt_since_rest(state: FilterState, window: Window, known: frozenset[Sensor]) -> None:
+    """A gyro that turns while tracks rest may have had another bias at any time since the robot last stood."""
+    gyro, tracks, rested_ns = window.gyro, window.tracks, state.rested_ns
+    if window.compass or not (gyro and tracks and tracks.rests) or rested_ns is None:
+        return
+    if state.isolation.contradicting - known:
+        off, seconds = (gyro.turn - tracks.turn) / window.seconds, max(window.start_ns - rested_ns, 0) * 1e-9
+        state.ekf.widen(State.YAW, (off * seconds) ** 2 / 3.0)
 
 
 def _start(state: FilterState) -> Start:

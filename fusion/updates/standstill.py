@@ -76,6 +76,8 @@ class StandstillUpdate:
             state.ekf.clone_yaw(State.STILL_REF)
         if stillness.standing and not state.stillness.standing:
             stand_still(state.ekf, ((state.t_ns or 0) - (stillness.reference_ns or 0)) * 1e-9)
+        if stillness.standing:
+            state.rested_ns = state.t_ns
         state.stillness = stillness
 
 
