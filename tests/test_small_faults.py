@@ -174,3 +174,29 @@ def test_bias_that_steps_beside_all_sensors_is_covered(seed, step, since, gyro_h
     ratio = np.abs(error) / np.maximum(sigma, FLOOR)
     assert np.max(ratio) < 4.0
     assert np.sum(ratio > 3.0) * 0.1 < 1.0
+
+
+@pytest.mark.parametrize("rate", [0.0, 0.4])
+@pytest.mark.parametrize("seed", [3, 8])
+def test_gyro_that_breaks_beside_a_late_camera_is_covered(seed, rate):
+    """It told by how much the robot turned from the images' exposures to their stamps, and told it wrongly."""
+    drive = robot_drive(seed, seconds=30.0, camera_delay=0.05)
+    moving = drive.t[np.flatnonzero(np.abs(np.gradient(drive.yaw, drive.t)) > 0.6)]
+    since = float(moving[moving > 10.0][0]) + 0.5
+    drive = drive.changed(lambda s: replace(s, yaw_rate=rate), GyroSample, since, since + 3.5)
+    t, error, sigma, _ = run(drive)
+    late = t > since + 1.0
+    assert np.max(np.abs(error[late]) / np.maximum(sigma[late], FLOOR)) < 3.0
+
+
+@pytest.mark.parametrize(("step", "since"), [(-0.013, 3.3), (0.012, 11.5), (0.016, 20.0)])
+def test_bias_that_steps_beside_tracks_is_learnt_once_they_rest(step, since):
+    drive = stopped(robot_drive(5, seconds=45.0), 24.0)
+    drive = drive.changed(lambda s: replace(s, yaw_rate=s.yaw_rate + step), GyroSample, since)
+    fusion = YawFusion()
+    for sample in drive.samples:
+        if not isinstance(sample, YawIncrement):
+            fusion.add(sample)
+    estimate = fusion.estimate()
+    assert estimate.gyro_bias == pytest.approx(0.003 + step, abs=0.002)
+    assert abs(drive.error(estimate)) < 3.0 * math.sqrt(estimate.yaw_variance)

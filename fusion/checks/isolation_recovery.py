@@ -68,7 +68,12 @@ def _other_bias_at_rest(alternative: Alternative, window: Window, bias: float) -
     Tracks have to say that it stands: to images that do not turn with the robot, one that turns evenly does, too.
     """
     noise = CONTRADICTION_SIGMAS * window.bias_sigma
-    return window.stood and window.tracks is not None and alternative.driven and abs(alternative.bias - bias) > max(noise, CREEP_RATE)
+    return (
+        window.stood
+        and window.tracks is not None
+        and alternative.driven
+        and abs(alternative.bias - bias) > max(noise, CREEP_RATE)
+    )
 
 
 def _follow(iso: Isolation, alternative: Alternative, window: Window) -> Judged:

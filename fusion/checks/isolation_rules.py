@@ -8,9 +8,11 @@ from dataclasses import replace
 from fusion.buffer.events import Sensor
 from fusion.checks.alternative import Alternative, Third
 from fusion.checks.contradiction import AGREEMENT_SIGMAS, CONTRADICTION_SIGMAS, GROSS, contradict
+from fusion.checks.exclusion import UNLIKELY_BIAS
 from fusion.checks.gyro_faults import TURNED, rebias, surely_gyro
 from fusion.checks.isolation import Isolation, Judged, Remedy
 from fusion.checks.isolation_recovery import as_it_was, judge_excluded, settle_alternatives, with_window
+from fusion.checks.stillness import CREEP_RATE
 from fusion.checks.windows import WINDOW_NS, Claim, Window
 
 # Not derived: `LONG`, `STUCK`, `SLIPPED_ON`, `STEADY`, `STEADY_WINDOWS`, `SCALED`.
@@ -80,13 +82,11 @@ def _judge_start(iso: Isolation, window: Window, bias: float) -> Judged:
 def _judge_long(iso: Isolation, window: Window, bias: float) -> Judged:
     """Judge several windows as one, in which nothing contradicted so far."""
     before = iso.long if iso.long and iso.long.t_ns == window.start_ns else None
-    if before and window.compass is None and _rests(window) and not _rests(before):
-        before = None  # beside tracks alone it shows as soon as they rest
     long = before.plus(window) if before else window
     remedy = Remedy()
     if before:
         alone = replace(iso, last=None)
-        steps = _gyro_steps(alone, long, bias) or _gyro_against_rest(alone, long, window, bias)
+        steps = _gyro_steps(alone, long, bias) or _gyro_against_rest(alone, long, bias)
         iso, remedy = steps or _judge_trusted(alone, long, bias)
     if remedy.shift or iso.exclusions or iso.alternatives:
         return replace(iso, last=None, long=None), remedy
@@ -113,30 +113,56 @@ def _gyro_steps(iso: Isolation, long: Window, bias: float) -> Judged | None:
     return iso, Remedy.of((iso.following(Sensor.COMPASS, long), Remedy(bias=bias, rate=compass.turn / long.seconds)))
 
 
-def _gyro_against_rest(iso: Isolation, long: Window, window: Window, bias: float) -> Judged | None:
-    """A gyro turns for several windows while tracks stand, by so little that one does not show it; None where not.
-
-    At one rate all the while it is a bias; that it was none stays the alternative. Else the tracks may be lifted.
-    """
+def _gyro_against_rest(iso: Isolation, long: Window, bias: float) -> Judged | None:
+    """A gyro turns for several windows while tracks stand, by so little that one does not show it; None where not."""
     gyro, tracks = iso.trusted(Sensor.GYRO, long), iso.trusted(Sensor.TRACKS, long)
-    if gyro is None or tracks is None or window.gyro is None or long.compass is not None or not tracks.rests:
+    if gyro is None or tracks is None or long.compass is not None or not tracks.rests:
         return None
-    off = gyro.turn - tracks.turn
-    if abs(off) <= GROSS * WINDOW_NS * 1e-9 or not contradict(gyro, tracks, 0.0):
+    if abs(gyro.turn - tracks.turn) <= GROSS * WINDOW_NS * 1e-9 or not contradict(gyro, tracks, 0.0):
         return None
-    rate, iso = off / long.seconds, iso.noting(long)
-    noise = math.sqrt(max(window.gyro.noise**2 - (window.bias_sigma * window.seconds) ** 2, 0.0)) / window.seconds
-    claimed = [one.rate_of(Sensor.GYRO) for one in iso.turned if one.start_ns >= long.start_ns]
-    steady = all(one is not None and abs(one - bias - rate) <= CONTRADICTION_SIGMAS * noise for one in claimed)
-    if not (steady and window.tracks_spoke):
-        return _tracks_against(iso, gyro, tracks, long, bias)
-    none = Alternative(Sensor.GYRO, long.start_ns, off, bias, until_ns=long.t_ns, rate=rate, driven=False)
-    iso = iso.excluding(Sensor.GYRO, long, tracks.turn, off).with_alternative(none)
-    return iso, Remedy.of((iso.following(Sensor.TRACKS, long), rebias(gyro, tracks, long, bias)))
+    return _tracks_against(iso.noting(long), gyro, tracks, long, bias)
 
 
-def _rests(window: Window) -> bool:
-    return window.tracks is not None and window.tracks.rests
+def _bias_at_rest(iso: Isolation, window: Window, bias: float) -> Judged | None:
+    """A gyro turns at one rate beside tracks that rest and have spoken: it has another bias; None where not.
+
+    Lifted robots turn less evenly. That it turns with what it stands on stays the alternative.
+    """
+    run = _steady_at_rest(iso, window, bias)
+    if run is None or run.gyro is None or run.tracks is None:
+        return None
+    gyro, tracks, off = run.gyro, run.tracks, run.gyro.turn
+    if not GROSS * WINDOW_NS * 1e-9 < abs(off) < UNLIKELY_BIAS * run.seconds or not contradict(gyro, tracks, 0.0):
+        return None
+    none = Alternative(Sensor.GYRO, run.start_ns, off, bias, until_ns=run.t_ns, rate=off / run.seconds, driven=False)
+    iso = iso.noting(run).without_alternative(Sensor.TRACKS)
+    iso = iso.excluding(Sensor.GYRO, run, tracks.turn, off).with_alternative(none)
+    return iso, Remedy.of((iso.following(Sensor.TRACKS, run), rebias(gyro, tracks, run, bias)))
+
+
+def _steady_at_rest(iso: Isolation, window: Window, bias: float) -> Window | None:
+    """The last windows as one in which the tracks rest and a gyro that is followed turns at one rate."""
+    if iso.trusted(Sensor.GYRO, window) is None or window.gyro is None or not window.tracks_spoke:
+        return None
+    known, claimed = window.bias_sigma * window.seconds, window.gyro.turn / window.seconds + bias
+    noise = math.sqrt(max(window.gyro.noise**2 - known**2, 0.0))
+    start_ns, rates = window.t_ns, list[float]()
+    for one in reversed(iso.turned):
+        rate = one.rate_of(Sensor.GYRO)
+        if rate is None or not one.rests or one.t_ns != start_ns:
+            break
+        if abs(rate - claimed) > CONTRADICTION_SIGMAS * noise / window.seconds:
+            break
+        start_ns = one.start_ns
+        rates.append(rate)
+    if len(rates) < STEADY_WINDOWS:
+        return None
+    seconds = (window.t_ns - start_ns) * 1e-9
+    turn = (sum(rates) / len(rates) - bias) * seconds
+    gyro = Claim(turn, math.hypot(noise * math.sqrt(len(rates)), window.bias_sigma * seconds), window.gyro.scale)
+    tracks = Claim(0.0, CREEP_RATE * seconds, rests=True)
+    joined = {"start_ns": start_ns, "followed": turn, "corrected": 0.0, "rate_change": 0.0}
+    return replace(window, gyro=gyro, tracks=tracks, **joined)  # type: ignore[arg-type]
 
 
 def _judge_trusted(iso: Isolation, window: Window, bias: float) -> Judged:
@@ -148,6 +174,8 @@ def _judge_trusted(iso: Isolation, window: Window, bias: float) -> Judged:
         return _beyond(iso.noting(window), gyro, window, bias)
     if gyro and window.gyro_hangs and _turns_otherwise(gyro, compass or tracks):
         return _beyond(iso.noting(window), gyro, window, bias)
+    if gyro and compass is None and (steady := _bias_at_rest(iso, window, bias)):
+        return steady
     leader = compass or gyro
     if leader and tracks and contradict(leader, tracks, window.seconds):
         return _tracks_against(iso.noting(window), leader, tracks, window, bias)

@@ -39,11 +39,14 @@ class Turned:
         The window's stamps.
     turns : tuple of (float or None)
         In the order of `Sensor`, rad.
+    rests : bool
+        Whether the tracks rested.
     """
 
     start_ns: int
     t_ns: int
     turns: tuple[float | None, ...]
+    rests: bool = False
 
     @staticmethod
     def of(window: Window, bias: float) -> Turned:
@@ -51,7 +54,7 @@ class Turned:
         turns = [claim.turn if claim else None for claim in window.claims]
         if turns[0] is not None:
             turns[0] += bias * window.seconds  # it may change from window to window while the gyro contradicts
-        return Turned(window.start_ns, window.t_ns, tuple(turns))
+        return Turned(window.start_ns, window.t_ns, tuple(turns), window.tracks is not None and window.tracks.rests)
 
     def rate_of(self, sensor: Sensor) -> float | None:
         """Mean turn rate that a sensor claims, rad/s."""

@@ -71,7 +71,7 @@ class FaultIsolation:
                 claimed = max(alternative.offset, state.refusal.last - remedy.shift, key=abs)
                 state.isolation = state.isolation.with_alternative(replace(alternative, offset=claimed))
             _doubt_since_rest(state, window, before.contradicting)
-            if self._apply(state, remedy):
+            if self._apply(state, remedy, window):
                 wrong_ns = min(remedy.since_ns, start_ns - WINDOW_NS)
             state.warnings = warnings_of(state.isolation)
             if state.isolation.excludes(Sensor.GYRO):
@@ -83,7 +83,7 @@ class FaultIsolation:
         state.turns = state.turns.anew(t_ns, _start(state), increment)
         return wrong_ns
 
-    def _apply(self, state: FilterState, remedy: Remedy) -> bool:
+    def _apply(self, state: FilterState, remedy: Remedy, window: Window) -> bool:
         """Do what has to be done after a window; whether the yaw was moved."""
         ekf, config = state.ekf, self._config
         if remedy.bias is not None:
@@ -104,9 +104,8 @@ class FaultIsolation:
         ekf.x = x
         ekf.widen(State.CAMERA_DELAY, remedy.delay**2)
         known = state.turns.earlier
-        off = 0.0 if remedy.bias is None else remedy.bias - state.turns.start.bias
         # a gyro that was wrong has brought what the compass saw from exposure to stamp wrongly, too
-        late = (abs(known.delay) + known.delay_sigma) * off
+        late = (abs(known.delay) + known.delay_sigma) * _gyro_off(state, remedy, window)
         ekf.widen(State.YAW, remedy.shift_variance + late**2)
         if remedy.shift:  # what was learnt meanwhile of the others was learnt from what is taken back
             agreed = state.unconfirmed.since if state.unconfirmed else None
@@ -198,6 +197,15 @@ class FaultIsolation:
         if alternative is None:
             alternative = Alternative(Sensor.GYRO, since_ns, 0.0, bias=float(state.ekf.x[State.BIAS]))
         state.isolation = state.isolation.with_alternative(replace(alternative, offset=alternative.offset + offset))
+
+
+def _gyro_off(state: FilterState, remedy: Remedy, window: Window) -> float:
+    """By how much a gyro that is found to err was off as a window ended, rad/s; 0 where another errs."""
+    bias, gyro = state.turns.start.bias, state.turns.gyro
+    known = 0.0 if remedy.bias is None else remedy.bias - bias
+    if gyro is None or window.compass is None or not state.isolation.excludes(Sensor.GYRO):
+        return known
+    return max(known, gyro.rate - bias - window.compass.turn / window.seconds, key=abs)
 
 
 def _doubt_since_rest(state: FilterState, window: Window, known: frozenset[Sensor]) -> None:
