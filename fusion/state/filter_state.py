@@ -9,6 +9,7 @@ import numpy as np
 
 from fusion.buffer.events import Sensor
 from fusion.checks.alternative import ALTERNATIVE_PROBABILITY
+from fusion.checks.early_images import EarlyImages
 from fusion.checks.gate import Gate
 from fusion.checks.isolation import Isolation
 from fusion.checks.refusal import Refusal
@@ -81,6 +82,8 @@ class FilterState:
         What is not known of the number of full turns.
     scale_conflict : ScaleConflict
         By what factor gyro and compass differ.
+    early_images : EarlyImages
+        By how much the compass seems to be ahead of the gyro.
     gyro_factor_sigma : float
         Of the gyro's last sample, see `GyroSample.factor_sigma`.
     aided_yaw : float
@@ -123,6 +126,7 @@ class FilterState:
     paused_ns: int = 0
     turn_count: TurnCount = field(default_factory=TurnCount)
     scale_conflict: ScaleConflict = field(default_factory=lambda: ScaleConflict(0.0))
+    early_images: EarlyImages = field(default_factory=EarlyImages)
     gyro_factor_sigma: float = 0.0
     aided_yaw: float = 0.0
     yaw_lead: float = 0.0
@@ -259,7 +263,11 @@ class FilterState:
     @property
     def all_warnings(self) -> tuple[Warning, ...]:
         """What is wrong, the turns that nobody counted included, most serious first."""
-        return tuple(most_serious_first((*self.warnings, *self.scale_conflict.warnings(), *self.turn_count.warnings())))
+        early = self.early_images.warnings()
+        if early and any(warning.code == early[0].code for warning in self.warnings):
+            early = ()
+        others = (*self.scale_conflict.warnings(), *early, *self.turn_count.warnings())
+        return tuple(most_serious_first((*self.warnings, *others)))
 
     def hears(self, sensor: Sensor) -> bool:
         """Whether a sensor has measured the turning lately."""
@@ -292,6 +300,7 @@ def estimate_of(state: FilterState) -> YawEstimate | None:
         + state.yaw_lead**2
         + state.scale_variance
         + state.scale_conflict.variance(float(x[State.YAW]))
+        + (state.early_images.variance(rate) if state.hears(Sensor.GYRO) else 0.0)
         + state.tilted_turn.variance
         + state.isolation.variance(state.t_ns)
         + state.unconfirmed_variance

@@ -12,7 +12,7 @@ from compass.tilt import beyond_error
 from fusion.buffer.events import GyroEvent, Sensor
 from fusion.checks.gate import Gate, Verdict
 from fusion.checks.silence import RATE_SILENT_NS
-from fusion.checks.windows import FASTEST_ROBOT
+from fusion.checks.windows import FASTEST_CHANGE, FASTEST_ROBOT
 from fusion.config import FusionConfig
 from fusion.imu.tilt import TILT_ERROR, BiasGain
 from fusion.samples import GyroSample
@@ -134,7 +134,8 @@ class GyroUpdate:
             # twice on the same side: the robot turns so since the last sample accepted
             seconds = (event.t_ns - (refused.accepted_ns or event.t_ns)) * 1e-9
             if seconds > 0.0:
-                state.ekf.widen(State.ACCELERATION, (measurement.innovation / seconds) ** 2)
+                change = min(abs(measurement.innovation) / seconds, FASTEST_CHANGE)  # stamps may be next to each other
+                state.ekf.widen(State.ACCELERATION, change**2)
             state.ekf.widen(State.RATE, measurement.innovation**2)
             state.ekf.widen(State.YAW, (measurement.innovation * seconds) ** 2)
 
