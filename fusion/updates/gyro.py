@@ -24,6 +24,7 @@ from fusion.updates.gating import Gating
 if TYPE_CHECKING:
     from fusion.state.filter_state import FilterState
 
+PITCH_SIGMAS = 10.0  # of a gyro that nobody has calibrated: more is no bias, but a pitch; not derived
 VAGUE_FACTOR = 100.0  # times the noise of a gyro sample; from one of that a turn of 1 rad/s would not stand out
 
 
@@ -59,7 +60,9 @@ class GyroUpdate:
             turn_bias(state.ekf, state.bias_gain, gain)
             state.bias_gain = gain
         if state.stillness.standing and sample.cross_rate is not None:
-            state.ekf.correct(cross_rate_at_rest(state.ekf, sample.cross_rate))
+            cross, noise = cross_rate_at_rest(state.ekf, sample.cross_rate), self._config.initial_bias_sigma
+            if abs(cross.innovation) <= PITCH_SIGMAS * math.hypot(noise, self._config.gyro_sigma):
+                state.ekf.correct(cross)
         vague = self.is_vague(sample)
         if vague and sample.variance is not None and not state.gyro_vague:
             state.ekf.widen(State.RATE, sample.variance)  # it may be beyond what was said so far
