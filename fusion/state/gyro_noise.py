@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import field
 
-from fusion.checks.windows import SAME
+from fusion.checks.windows import SAME, SAME_NUMBER
 from fusion.record import record
 from fusion.state.learnt_noise import LearntNoise
 
@@ -76,6 +76,10 @@ class GyroNoise:
         if not (self.coarse and sigma < self.step <= COARSEST):
             return 0.0
         return self.step**2 / 3.0 * (self.run + 1 if self._again(rate) else 1)
+
+    def hangs(self, rate: float, sigma: float) -> bool:
+        """Whether a sample (rad/s) is one more of a number that comes again and again, though others differ by less."""
+        return self._again(rate) and self.run >= SAME_NUMBER and not sigma < self.step <= COARSEST
 
     def repeats(self, rate: float, sigma: float) -> bool:
         """Whether a sample (rad/s) is the last one sent again: the resolution is finer than the noise `sigma`."""

@@ -12,7 +12,7 @@ from compass.tilt import beyond_error
 from fusion.buffer.events import GyroEvent, Sensor
 from fusion.checks.gate import Gate, Verdict
 from fusion.checks.silence import RATE_SILENT_NS
-from fusion.checks.windows import FASTEST_CHANGE, FASTEST_ROBOT
+from fusion.checks.windows import FASTEST_CHANGE, FASTEST_ROBOT, SAME
 from fusion.config import FusionConfig
 from fusion.imu.tilt import TILT_ERROR, BiasGain
 from fusion.samples import GyroSample
@@ -78,6 +78,10 @@ class GyroUpdate:
         variance = self.sigma(state, sample) ** 2
         if sample.variance is None:
             variance += state.gyro_noise.variance(sample.yaw_rate, self._config.gyro_sigma)
+            # drivers say zero for a gyro at rest, whatever its bias; one that hangs in motion fault isolation finds
+            rests = state.stillness.standing or abs(sample.yaw_rate) <= SAME
+            if rests and state.gyro_noise.hangs(sample.yaw_rate, self._config.gyro_sigma):
+                variance += self._config.initial_rate_sigma**2
         if abs(sample.yaw_rate) > FASTEST_ROBOT:
             return
         measurement = gyro_measurement(
