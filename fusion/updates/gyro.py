@@ -74,6 +74,9 @@ class GyroUpdate:
         if state.gyro_noise.repeats(sample.yaw_rate, self._config.gyro_sigma):
             self._learn_noise(state, sample)
             return
+        if self._hangs_alone(state, sample):
+            self._learn_noise(state, sample)
+            return
         state.turns = state.turns.with_gyro(sample)
         variance = self.sigma(state, sample) ** 2
         if sample.variance is None:
@@ -112,6 +115,17 @@ class GyroUpdate:
             ekf.renew(State.GYRO_SCALE, state.gyro_scale_sigma**2)
         else:
             ekf.widen(State.GYRO_SCALE, factor_sigma**2 - before**2)
+
+    def _hangs_alone(self, state: FilterState, sample: GyroSample) -> bool:
+        """Whether a gyro hangs while nobody else measures the turn: then it counts as one that is silent."""
+        alone = not (state.hears(Sensor.TRACKS) or state.hears(Sensor.COMPASS))
+        if not (alone and state.gyro_noise.hung(float(state.x[State.BIAS]), self._config.gyro_sigma)):
+            state.hung_since_ns = None
+        elif state.hung_since_ns is None:
+            state.hung_since_ns = sample.t_ns
+            state.ekf.renew(State.RATE, self._config.initial_rate_sigma**2)
+            state.ekf.widen(State.YAW, state.gyro_noise.unseen(sample.t_ns, self._config.initial_rate_sigma))
+        return state.hung_since_ns is not None
 
     def _learn_noise(self, state: FilterState, sample: GyroSample) -> None:
         """Learn the noise from a sample that does not tell it."""
