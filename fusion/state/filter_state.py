@@ -9,6 +9,7 @@ import numpy as np
 
 from fusion.buffer.events import Sensor
 from fusion.checks.alternative import ALTERNATIVE_PROBABILITY
+from fusion.checks.early_images import EarlyImages
 from fusion.checks.gate import Gate
 from fusion.checks.isolation import Isolation
 from fusion.checks.refusal import Refusal
@@ -83,6 +84,10 @@ class FilterState:
         What is not known of the number of full turns.
     scale_conflict : ScaleConflict
         By what factor gyro and compass differ.
+    early_images : EarlyImages
+        By how much the compass seems to be ahead of the gyro.
+    hung_since_ns : int or None
+        Since when a gyro hangs while nobody else measures the turn, ns.
     gyro_factor_sigma : float
         Of the gyro's last sample, see `GyroSample.factor_sigma`.
     aided_yaw : float
@@ -126,6 +131,8 @@ class FilterState:
     paused_ns: int = 0
     turn_count: TurnCount = field(default_factory=TurnCount)
     scale_conflict: ScaleConflict = field(default_factory=lambda: ScaleConflict(0.0))
+    early_images: EarlyImages = field(default_factory=EarlyImages)
+    hung_since_ns: int | None = None
     gyro_factor_sigma: float = 0.0
     aided_yaw: float = 0.0
     yaw_lead: float = 0.0
@@ -262,7 +269,19 @@ class FilterState:
     @property
     def all_warnings(self) -> tuple[Warning, ...]:
         """What is wrong, the turns that nobody counted included, most serious first."""
-        return tuple(most_serious_first((*self.warnings, *self.scale_conflict.warnings(), *self.turn_count.warnings())))
+        named = {warning.code for warning in self.warnings}
+        more = [one for one in (*self.early_images.warnings(), *self._hung()) if one.code not in named]
+        others = (*self.scale_conflict.warnings(), *more, *self.turn_count.warnings())
+        return tuple(most_serious_first((*self.warnings, *others)))
+
+    def _hung(self) -> tuple[Warning, ...]:
+        if self.hung_since_ns is None:
+            return ()
+        text = (
+            f"the gyro repeats {self.gyro_noise.rate:.4g} rad/s to the last bit, and nobody else measures the turn:"
+            " that is unknown, and in the yaw's sigma; restart or replace the IMU, check its driver"
+        )
+        return (Warning("gyro_stuck", "gyro", self.hung_since_ns, text),)
 
     def hears(self, sensor: Sensor) -> bool:
         """Whether a sensor has measured the turning lately."""
@@ -295,6 +314,7 @@ def estimate_of(state: FilterState) -> YawEstimate | None:
         + state.yaw_lead**2
         + state.scale_variance
         + state.scale_conflict.variance(float(x[State.YAW]))
+        + (state.early_images.variance(rate) if state.hears(Sensor.GYRO) else 0.0)
         + state.tilted_turn.variance
         + state.isolation.variance(state.t_ns)
         + state.unconfirmed_variance

@@ -55,6 +55,9 @@ class CompassUpdate:
         state.scale_conflict = conflict.after(event.t_ns, yaw, *learnt, state.gyro_scale_sigma, images)
         if state.scale_conflict.since_ns is None and conflict.since_ns is not None:
             ekf.widen_frame(conflict.left(yaw))
+        delay = float(ekf.x[State.CAMERA_DELAY]) - ekf.config.camera_delay
+        spread = float(ekf.P[State.CAMERA_DELAY, State.CAMERA_DELAY])
+        state.early_images = state.early_images.after(event.t_ns, delay, spread, ekf.config.camera_delay_sigma)
         if state.turns.start_ns == event.t_ns != before.turns.start_ns:
             state.turns = replace(state.turns, corrected=float(ekf.x[State.YAW]) - state.turns.start.yaw)
 

@@ -12,7 +12,7 @@ from compass.tilt import beyond_error
 from fusion.buffer.events import GyroEvent, Sensor
 from fusion.checks.gate import Gate, Verdict
 from fusion.checks.silence import RATE_SILENT_NS
-from fusion.checks.windows import FASTEST_ROBOT
+from fusion.checks.windows import FASTEST_CHANGE, FASTEST_ROBOT, SAME
 from fusion.config import FusionConfig
 from fusion.imu.tilt import TILT_ERROR, BiasGain
 from fusion.samples import GyroSample
@@ -24,6 +24,7 @@ from fusion.updates.gating import Gating
 if TYPE_CHECKING:
     from fusion.state.filter_state import FilterState
 
+PITCH_SIGMAS = 10.0  # of a gyro that nobody has calibrated: more is no bias, but a pitch; not derived
 VAGUE_FACTOR = 100.0  # times the noise of a gyro sample; from one of that a turn of 1 rad/s would not stand out
 
 
@@ -59,7 +60,9 @@ class GyroUpdate:
             turn_bias(state.ekf, state.bias_gain, gain)
             state.bias_gain = gain
         if state.stillness.standing and sample.cross_rate is not None:
-            state.ekf.correct(cross_rate_at_rest(state.ekf, sample.cross_rate))
+            cross, noise = cross_rate_at_rest(state.ekf, sample.cross_rate), self._config.initial_bias_sigma
+            if abs(cross.innovation) <= PITCH_SIGMAS * math.hypot(noise, self._config.gyro_sigma):
+                state.ekf.correct(cross)
         vague = self.is_vague(sample)
         if vague and sample.variance is not None and not state.gyro_vague:
             state.ekf.widen(State.RATE, sample.variance)  # it may be beyond what was said so far
@@ -71,10 +74,17 @@ class GyroUpdate:
         if state.gyro_noise.repeats(sample.yaw_rate, self._config.gyro_sigma):
             self._learn_noise(state, sample)
             return
+        if self._hangs_alone(state, sample):
+            self._learn_noise(state, sample)
+            return
         state.turns = state.turns.with_gyro(sample)
         variance = self.sigma(state, sample) ** 2
         if sample.variance is None:
             variance += state.gyro_noise.variance(sample.yaw_rate, self._config.gyro_sigma)
+            # drivers say zero for a gyro at rest, whatever its bias; one that hangs in motion fault isolation finds
+            rests = state.stillness.standing or abs(sample.yaw_rate) <= SAME
+            if rests and state.gyro_noise.hangs(sample.yaw_rate, self._config.gyro_sigma):
+                variance += self._config.initial_rate_sigma**2
         if abs(sample.yaw_rate) > FASTEST_ROBOT:
             return
         measurement = gyro_measurement(
@@ -106,6 +116,17 @@ class GyroUpdate:
         else:
             ekf.widen(State.GYRO_SCALE, factor_sigma**2 - before**2)
 
+    def _hangs_alone(self, state: FilterState, sample: GyroSample) -> bool:
+        """Whether a gyro hangs while nobody else measures the turn: then it counts as one that is silent."""
+        alone = not (state.hears(Sensor.TRACKS) or state.hears(Sensor.COMPASS))
+        if not (alone and state.gyro_noise.hung(float(state.x[State.BIAS]), self._config.gyro_sigma)):
+            state.hung_since_ns = None
+        elif state.hung_since_ns is None:
+            state.hung_since_ns = sample.t_ns
+            state.ekf.renew(State.RATE, self._config.initial_rate_sigma**2)
+            state.ekf.widen(State.YAW, state.gyro_noise.unseen(sample.t_ns, self._config.initial_rate_sigma))
+        return state.hung_since_ns is not None
+
     def _learn_noise(self, state: FilterState, sample: GyroSample) -> None:
         """Learn the noise from a sample that does not tell it."""
         if sample.variance is None:
@@ -134,7 +155,8 @@ class GyroUpdate:
             # twice on the same side: the robot turns so since the last sample accepted
             seconds = (event.t_ns - (refused.accepted_ns or event.t_ns)) * 1e-9
             if seconds > 0.0:
-                state.ekf.widen(State.ACCELERATION, (measurement.innovation / seconds) ** 2)
+                change = min(abs(measurement.innovation) / seconds, FASTEST_CHANGE)  # stamps may be next to each other
+                state.ekf.widen(State.ACCELERATION, change**2)
             state.ekf.widen(State.RATE, measurement.innovation**2)
             state.ekf.widen(State.YAW, (measurement.innovation * seconds) ** 2)
 

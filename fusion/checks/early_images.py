@@ -1,0 +1,54 @@
+"""Images that seem to be exposed after their stamps: the gyro is late, or the camera's clock is another."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from fusion.checks.warnings import Warning
+
+SIGMAS = 3.0  # of the delay: as learnt, or as expected where it was forgotten and is learnt anew
+NOTABLE = 2.0  # of the prior's; less is expected of a sound camera, or of a gyro's own filter; not derived
+
+
+@dataclass(frozen=True, slots=True)
+class EarlyImages:
+    """By how much images seem to be stamped before they were exposed.
+
+    The filter goes by the gyro's time and learns how late the images are. No driver stamps an image before it is taken,
+    though a gyro that is low-passed, or stamped when it arrives, is late: then the yaw is, too, by the turn in between.
+    That the camera's clock is ahead instead nobody can exclude.
+
+    Attributes
+    ----------
+    seconds : float
+        How early, s; 0 where that is within the noise.
+    since_ns : int or None
+        Since when it is notable; None: it is not.
+    """
+
+    seconds: float = 0.0
+    since_ns: int | None = None
+
+    def after(self, t_ns: int, delay: float, variance: float, prior_sigma: float) -> EarlyImages:
+        """With a camera delay beyond the configured one, s, as learnt at `t_ns`, its variance, s^2, and its prior's."""
+        if not -delay > SIGMAS * min(math.sqrt(variance), prior_sigma):
+            return self if self.seconds == 0.0 else EarlyImages()
+        if -delay < NOTABLE * prior_sigma:
+            return EarlyImages(-delay)
+        return EarlyImages(-delay, t_ns if self.since_ns is None else self.since_ns)
+
+    def variance(self, rate: float) -> float:
+        """Variance, rad^2, of the yaw of a robot that turns at a rate, rad/s."""
+        return (rate * self.seconds) ** 2
+
+    def warnings(self) -> tuple[Warning, ...]:
+        """Both explanations in words, where it is notable."""
+        if self.since_ns is None:
+            return ()
+        text = (
+            f"the images show a turn {self.seconds:.2f} s before the gyro does: either the gyro is late (a low-pass, a"
+            " queue, stamps of arrival) or the images are stamped too early, and the yaw may lag by that; stamp all"
+            " sensors when they measure, or set fusion.camera_delay if it is the camera"
+        )
+        return (Warning("sensors_disagree_time", "compass+gyro", self.since_ns, text),)

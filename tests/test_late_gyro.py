@@ -1,0 +1,82 @@
+"""Gyros whose samples come later than they say: low-passed, stamped when they arrive, or read from a queue at once."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from robot_drive import Eyes, fuse, robot_drive
+
+from compass import YawIncrement
+from fusion import FusionConfig, GyroSample, YawFusion
+
+
+def gyros_and_images(change, seconds=30.0):
+    """A drive whose gyro samples are changed, and without odometry."""
+    drive = robot_drive(0, seconds=seconds, eyes=Eyes(hold=2.0))
+    gyro = change([one for one in drive.samples if isinstance(one, GyroSample)])
+    images = [one for one in drive.samples if isinstance(one, YawIncrement)]
+    return replace(drive, samples=sorted([*gyro, *images], key=lambda one: one.t_ns))
+
+
+def low_passed(time):
+    def change(gyro):
+        rate, out = 0.0, []
+        for one in gyro:
+            rate += (one.yaw_rate - rate) * (1.0 - math.exp(-0.02 / time))
+            out.append(replace(one, yaw_rate=rate))
+        return out
+
+    return change
+
+
+def queued(count, apart_ns):
+    """So many are read at once and stamped then, one after the other."""
+
+    def change(gyro):
+        reads = [gyro[k : k + count] for k in range(0, len(gyro) - count + 1, count)]
+        return [replace(one, t_ns=read[-1].t_ns + j * apart_ns) for read in reads for j, one in enumerate(read)]
+
+    return change
+
+
+def beyond(drive):
+    """Errors over sigma, each tenth of a second, and the codes that were given."""
+    fusion, ratios, codes = YawFusion(), [], set()
+    for sample in drive.samples:
+        fusion.add(sample)
+        if isinstance(sample, YawIncrement):
+            estimate = fusion.estimate()
+            sigma = max(math.sqrt(estimate.yaw_variance), math.radians(0.02))
+            ratios.append(abs(drive.error(estimate)) / sigma)
+            codes |= {(one.code, one.sensor) for one in estimate.warnings}
+    return np.array(ratios), codes
+
+
+@pytest.mark.parametrize("time", [0.05, 0.1, 0.2])
+def test_yaw_of_a_low_passed_gyro_beside_images_owns_up_to_its_lag(time):
+    ratios, codes = beyond(gyros_and_images(low_passed(time)))
+    assert np.sum(ratios > 4.0) <= 5  # half a second in all, until it has shown
+    assert (("sensors_disagree_time", "compass+gyro") in codes) == (time > 2.0 * FusionConfig().camera_delay_sigma)
+
+
+@pytest.mark.parametrize(("count", "apart_ns"), [(10, 1000), (10, 100_000), (5, 1000)])
+def test_gyro_samples_stamped_next_to_each_other_make_no_turn(count, apart_ns):
+    drive = gyros_and_images(queued(count, apart_ns))
+    ratios, _ = beyond(drive)
+    assert np.sum(ratios > 4.0) <= 5
+    _, errors = fuse(drive)
+    assert np.abs(errors).max() < math.radians(60.0)
+    assert abs(errors[-1]) < math.radians(10.0)
+
+
+def test_images_in_time_widen_nothing():
+    ratios, codes = beyond(gyros_and_images(lambda gyro: gyro))
+    assert ratios.max() < 4.0
+    assert not codes
+
+
+def test_delay_that_is_configured_is_not_early():
+    drive = gyros_and_images(lambda gyro: [replace(one, t_ns=one.t_ns + 100_000_000) for one in gyro])
+    fusion, _ = fuse(drive, FusionConfig(camera_delay=-0.1))
+    assert not [one for one in fusion.estimate().warnings if one.code == "sensors_disagree_time"]
