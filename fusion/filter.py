@@ -128,10 +128,16 @@ class YawFilter:
     @staticmethod
     def _lead(before: FilterState, state: FilterState, event: FusionEvent) -> None:
         """Let the published yaw of a standing robot not jump by what it finds out of the turns before."""
+        state.standing_yaw = None
         if isinstance(event, HeadingEvent):
             state.yaw_lead = 0.0
         elif state.stillness.standing and before.t_ns is not None:
-            state.yaw_lead -= float(believed(state)[0][State.YAW] - believed(before)[0][State.YAW])
+            known = before.standing_yaw
+            if known is None:
+                known = float(believed(before)[0][State.YAW])
+            # kept for the next step: what is done to this state from here on changes no yaw
+            state.standing_yaw = float(believed(state)[0][State.YAW])
+            state.yaw_lead -= state.standing_yaw - known
 
     @staticmethod
     def _doubt(before: FilterState, state: FilterState, event: FusionEvent) -> None:

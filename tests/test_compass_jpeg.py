@@ -10,7 +10,7 @@ from panoramas import as_bytes, scene
 from compass import CompassConfig, CompassStatus, VisualCompass
 from compass.images.decode import image_from_compressed
 from compass.images.jpeg import JpegHeader
-from compass.images.strip import rows_used
+from compass.images.orientation import rows_used
 
 PLAIN = {
     "grey": [],

@@ -7,8 +7,9 @@ from scipy.stats import norm
 
 from compass import YawIncrement
 from fusion import FusionConfig, GyroSample, OdometrySample, Sensor, Verdict, YawFusion
-from fusion.checks.gate import Gate, gate_limit
+from fusion.checks.gate import Gate
 from fusion.compass_rate import CompassRate
+from fusion.updates.gating import gate_limit
 
 S = 10**9
 # A robot that is known to stand all but still, with sensors whose other errors are known: the noise alone is left.

@@ -167,7 +167,7 @@ def follow_landmarks(reference: Strip, current: Strip, search: Search) -> Match:
     seen = _matched_views(reference, current, search)
     if seen is None:
         return Match.none()
-    views, pairs, _ = seen
+    views, pairs = seen
     per_px = views.projection.per_column
     mean, sigma = views.expected(search.expected_px * per_px), search.reach_px * per_px / DISAGREE
     return _sharpened(views, pairs, views.matched(pairs).motions(mean, sigma), mean, sigma)
@@ -181,8 +181,8 @@ def match_landmarks(reference: Strip, current: Strip, search: Search) -> Match:
     seen = _matched_views(reference, current, search)
     if seen is None:
         return Match.none()
-    views, pairs, alike = seen
-    corners = views.matched(pairs)
+    views, pairs = seen
+    corners, alike = views.matched(pairs), _alike(views.before, views.after)
     motion = _found(views, corners)
     outliers = ~_inliers(views, views.matched(alike), motion)
     if 2 * np.count_nonzero(_inliers(views, corners, motion)) <= len(pairs):  # another motion may have as many
@@ -198,16 +198,16 @@ def match_landmarks(reference: Strip, current: Strip, search: Search) -> Match:
     return replace(match, variance_px2=variance) if variance * per_px**2 < TILT_SIGMA**2 else Match.none()
 
 
-def _matched_views(reference: Strip, current: Strip, search: Search) -> tuple[Views, Indices, Indices] | None:
-    """Two views and their pairs of corners, see `_matched`; None of a part of the circle, and where they are few.
+def _matched_views(reference: Strip, current: Strip, search: Search) -> tuple[Views, Indices] | None:
+    """Two views and their pairs of corners; None of a part of the circle, and where they are few.
 
     Of a part of the circle travel over metres may look like any turn.
     """
     if reference.seen is not None and reference.seen.widest_hidden > ONE_SIDED:
         return None
     views = Views.of(reference, current, search)
-    pairs, alike = _matched(views.before, views.after)
-    return (views, pairs, alike) if len(pairs) >= FEWEST else None
+    pairs = _mutual(views.before, views.after)
+    return (views, pairs) if len(pairs) >= FEWEST else None
 
 
 def _found(views: Views, corners: Corners, besides: float | None = None) -> Fit:
@@ -290,16 +290,22 @@ def landmarks_of(strip: Strip) -> Landmarks:
     return Landmarks(picture, at[inside], np.asarray(descriptors, np.uint8)[inside])
 
 
-def _matched(before: Landmarks, after: Landmarks) -> tuple[Indices, Indices]:
-    """(n, 2) indices of corners that are each other's nearest, and of all that look alike: each one's two nearest.
+def _mutual(before: Landmarks, after: Landmarks) -> Indices:
+    """(n, 2) indices of corners that are each other's nearest.
 
-    Few corners match nothing.
+    Descriptors of bits that are 1 and -1 have a product that falls by two for each bit that differs: small whole
+    numbers, so that nothing is rounded, and half the time of a search for the nearest in either direction.
     """
-    one, other = before.descriptors, after.descriptors
-    if min(len(one), len(other)) < FEWEST:
-        return np.empty((0, 2), np.intp), np.empty((0, 2), np.intp)
-    nearest = cv2.batchDistance(one, other, cv2.CV_32S, normType=cv2.NORM_HAMMING, K=2)[1]
-    back = cv2.batchDistance(other, one, cv2.CV_32S, normType=cv2.NORM_HAMMING, K=1)[1][:, 0]
-    index = np.arange(len(one))
-    mutual = np.flatnonzero(back[nearest[:, 0]] == index)
-    return np.stack([mutual, nearest[mutual, 0]], axis=1), np.stack([np.repeat(index, 2), nearest.ravel()], axis=1)
+    if min(len(before.descriptors), len(after.descriptors)) < FEWEST:  # few corners match nothing
+        return np.empty((0, 2), np.intp)
+    one, other = (2.0 * np.unpackbits(of.descriptors, axis=1).astype(np.float32) - 1.0 for of in (before, after))
+    likeness = one @ other.T
+    nearest, back = likeness.argmax(axis=1), likeness.argmax(axis=0)
+    mutual = np.flatnonzero(back[nearest] == np.arange(len(one)))
+    return np.stack([mutual, nearest[mutual]], axis=1)
+
+
+def _alike(before: Landmarks, after: Landmarks) -> Indices:
+    """(n, 2) indices of all corners that look alike: each one's two nearest."""
+    nearest = cv2.batchDistance(before.descriptors, after.descriptors, cv2.CV_32S, normType=cv2.NORM_HAMMING, K=2)[1]
+    return np.stack([np.repeat(np.arange(len(nearest)), 2), nearest.ravel()], axis=1)

@@ -18,7 +18,8 @@ from compass.images.strip import Pixels
 # here and worse there (docs/lab-notes/long-baseline-2026-11-28.md, compass-2026-11-27.md).
 PATCH_HALF = 7
 _ACROSS, _DOWN, _WINDOW = patch_grid(PATCH_HALF)
-ROUNDS = 8  # of Gauss-Newton; 4 and 16 are as good (docs/lab-notes/constants-2026-11-29.md)
+# Of Gauss-Newton; 4, 8 and 16 are as good (docs/lab-notes/constants-2026-11-29.md, one-bag-2026-11-29.md).
+ROUNDS = 5
 
 
 def align(before: Pixels, after: Pixels, at: Floats, start: Floats) -> tuple[Floats, Floats, Floats]:

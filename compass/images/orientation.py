@@ -42,3 +42,9 @@ class Orientation:
     def as_taken(self, upright: Image) -> Image:
         """The inverse of `turned`."""
         return np.rot90(upright[:, ::-1] if self.mirrored else upright, self.quarters)
+
+
+def rows_used(config: CompassConfig) -> float:
+    """Share of an image's height, from the top, below which nothing matters to the strip."""
+    plain = config.is_full_panorama and Orientation.of(config).is_upright
+    return config.roi_bottom if plain else 1.0

@@ -145,12 +145,6 @@ def prepare_strip(
     return Strip(t_ns, small, contrast, image.shape, above * per_row, merged * per_row, seen, means, up)
 
 
-def rows_used(config: CompassConfig) -> float:
-    """Share of an image's height, from the top, below which nothing matters to the strip."""
-    plain = config.is_full_panorama and Orientation.of(config).is_upright
-    return config.roi_bottom if plain else 1.0
-
-
 def _unwrapped(
     t_ns: int,
     image: Image,

@@ -4,9 +4,6 @@ from __future__ import annotations
 
 from enum import Enum
 
-from scipy.special import chdtri
-
-from fusion.config import FusionConfig
 from fusion.record import record
 
 
@@ -46,14 +43,6 @@ class SensorReport:
     def nis(self) -> float:
         """Normalised innovation squared; averages 1 in a healthy filter."""
         return (self.innovation / self.innovation_sigma) ** 2
-
-
-def gate_limit(config: FusionConfig) -> float:
-    """Largest normalised innovation squared to let pass (chi-square of one degree of freedom).
-
-    Bar-Shalom, Li & Kirubarajan 2001, doi:10.1002/0471221279, section 5.4.
-    """
-    return float(chdtri(1, 1.0 - config.gate_probability))
 
 
 @record

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import logging
 import os
 import sys
@@ -29,6 +30,10 @@ for variable in ("OPENBLAS_NUM_THREADS", "OPENCV_FOR_THREADS_NUM"):
 # Only processes that this one starts read it.
 os.environ.setdefault("MALLOC_MMAP_THRESHOLD_", str(32 << 20))
 os.environ.setdefault("MALLOC_TRIM_THRESHOLD_", str(128 << 20))
+
+# Samples, states and rows by the hundred thousand refer to each other in no circle: a collector of garbage that walks
+# through them after every 700 new objects, as is the default, finds nothing.
+_OBJECTS = 50_000
 
 _PATH = click.Path(path_type=Path)
 _FORCE = click.option("--force", is_flag=True, help="Write where something else is than an earlier result.")
@@ -211,7 +216,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(arguments: Sequence[str] | None) -> int:
-    level = logging.getLogger().level
+    level, collecting = logging.getLogger().level, gc.get_threshold()
+    gc.set_threshold(_OBJECTS)
     logging.basicConfig(level=logging.WARNING, format="%(message)s", stream=sys.stderr)
     try:
         with interruptible(), output_checked():
@@ -227,6 +233,7 @@ def _run(arguments: Sequence[str] | None) -> int:
         return 128 + interrupted.number
     finally:
         logging.getLogger().setLevel(level)  # of who calls it from Python
+        gc.set_threshold(*collecting)
     return 0
 
 

@@ -12,7 +12,7 @@ from typing import Any
 
 from compass.errors import ArgumentError
 from compass.files import real
-from compass.images.strip import rows_used
+from compass.images.orientation import rows_used
 from fusion.offline.atomic_output import staged_folder
 from fusion.offline.bag import BagError
 from fusion.offline.compass_process import CompassProcess, can_have_process

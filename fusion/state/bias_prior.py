@@ -10,7 +10,7 @@ changes nothing.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -29,40 +29,39 @@ class BiasPrior:
     sigmas: tuple[float, float]
     least: tuple[float, float]
 
-    def mixed(self, x: Array, P: Array, states: Sequence[int]) -> tuple[Array, Array]:
+    def mixed(self, x: Array, P: Array, states: tuple[int, int]) -> tuple[Array, Array]:
         """State and covariance where the priors of the two `states` may have any of these deviations.
 
         A narrower prior is the configured one and a measurement of zero beside. So each pair of priors is exact, by
         one Kalman update; then the mixture's mean and covariance are taken.
         """
-        states, sigmas = list(states), np.array(self.sigmas)
-        m = x[states] / sigmas
-        C = P[np.ix_(states, states)] / np.outer(sigmas, sigmas)
-        R, narrow = _narrower(self.sigmas, self.least)
-        own = np.maximum(np.diagonal(C), 0.0)
-        most = float((own[0] * own[1]) ** 0.5)  # rounding may leave more
-        c = min(max(float(C[0, 1]), -most), most)
-        a, b = own[0] + R[0][:, None], own[1] + R[1][None, :]
-        det = a * b - c**2
-        S_inv = np.stack([b / det, -c / det + 0.0 * a, a / det])  # of the innovations, symmetric
-        weighted = np.stack([S_inv[0] * m[0] + S_inv[1] * m[1], S_inv[1] * m[0] + S_inv[2] * m[1]])
-        misfit = m[0] * weighted[0] + m[1] * weighted[1]
-        evidence = narrow[0][:, None] + narrow[1][None, :] - 0.5 * np.log(det) - 0.5 * misfit
+        (i, j), (one, other) = states, self.sigmas
+        R, constant = _narrower(self.sigmas, self.least)
+        m, n = float(x[i]) / one, float(x[j]) / other
+        own, others = max(float(P[i, i]) / one**2, 0.0), max(float(P[j, j]) / other**2, 0.0)
+        most = math.sqrt(own * others)  # rounding may leave more
+        c = min(max(float(P[i, j]) / (one * other), -most), most)
+        a, b = (own + R[0])[:, None], others + R[1]
+        det = a * b - c * c
+        p, q, r = b / det, -c / det, a / det  # of the innovations' inverse covariance
+        u, v = p * m + q * n, q * m + r * n
+        evidence = constant - 0.5 * np.log(det) - 0.5 * (m * u + n * v)
         weight = np.exp(evidence - evidence.max())
         weight /= weight.sum()
         # over the mixture: x - G S_inv m, P - G S_inv G' and the spread of the means
-        G = P[:, states] / sigmas
-        mean = (weight * weighted).sum(axis=(1, 2))
-        off = weighted - mean[:, None, None]
-        shrunk = (weight * S_inv).sum(axis=(1, 2))
-        spread = (weight * np.stack([off[0] ** 2, off[0] * off[1], off[1] ** 2])).sum(axis=(1, 2))
-        change = (spread - shrunk)[[0, 1, 1, 2]].reshape(2, 2)
-        return x - G @ mean, P + G @ change @ G.T
+        G = P[:, [i, j]] / [one, other]
+        mean_u, mean_v = float((weight * u).sum()), float((weight * v).sum())
+        u -= mean_u
+        v -= mean_v
+        mixed = float((weight * (u * v - q)).sum())
+        change = np.array([[(weight * (u * u - p)).sum(), mixed], [mixed, (weight * (v * v - r)).sum()]])
+        return x - G @ [mean_u, mean_v], P + G @ change @ G.T
 
 
 @lru_cache(maxsize=8)  # of a config
 def _narrower(sigmas: tuple[float, float], least: tuple[float, float]) -> tuple[Array, Array]:
-    """Of either error and each deviation, (2, 7): variance of the measurement of zero, and the evidence's constant."""
+    """Variances of the measurement of zero, (2, 7), of either error and deviation; the evidence's constant, (7, 7)."""
     shares = np.minimum(np.array(least) / np.array(sigmas), 1.0)[:, None] ** STEPS
     R = np.minimum(shares**2 / np.maximum(1.0 - shares**2, 1.0 / UNINFORMATIVE), UNINFORMATIVE)
-    return R, -np.log(shares) + 0.5 * np.log(R)
+    narrow = -np.log(shares) + 0.5 * np.log(R)
+    return R, narrow[0][:, None] + narrow[1]

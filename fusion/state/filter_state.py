@@ -95,6 +95,8 @@ class FilterState:
     yaw_lead : float
         By how much the published yaw is ahead of what is believed, rad: standing, the robot finds out how far wrong it
         has turned for minutes, but its yaw does not jump.
+    standing_yaw : float or None
+        The yaw of a robot that stands as it is believed, rad, where the step to this state asked for it.
     agreement : BiasPrior or None
         What is known beforehand of the gyro's bias and the tracks' veer; None once a bias has jumped.
     bias_walk : BiasWalk
@@ -136,6 +138,7 @@ class FilterState:
     gyro_factor_sigma: float = 0.0
     aided_yaw: float = 0.0
     yaw_lead: float = 0.0
+    standing_yaw: float | None = None
     agreement: BiasPrior | None = None
     bias_walk: BiasWalk = field(default_factory=lambda: BiasWalk(0.0))
     jitter: LearntNoise = field(default_factory=lambda: LearntNoise(0.0))
@@ -174,6 +177,7 @@ class FilterState:
         state = self._copy()
         state.ekf = self.ekf.fork(None)
         state.ekf.x, state.ekf.P = x, P
+        state.standing_yaw = None
         return state
 
     @property

@@ -9,7 +9,9 @@ import numpy as np
 import numpy.typing as npt
 
 Array = npt.NDArray[np.float64]
-_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(6)  # exact to the last digit over one ramp
+_SIX = np.polynomial.legendre.leggauss(6)
+# Gauss-Legendre over (0, 1), nodes and weights: exact to the last digit over one ramp
+_RULE = tuple((0.5 + 0.5 * float(node), 0.5 * float(weight)) for node, weight in zip(*_SIX, strict=True))
 _SERIES = 0.1  # below, the closed form loses more than four digits; the terms left out of the series are 1e-15 of it
 _INTEGRATED = tuple((2.0**n - 4.0) / math.factorial(n) for n in range(3, 15))
 
@@ -55,10 +57,24 @@ def turning(ramp: float, dt: float) -> tuple[Array, Array]:
     if dt > ramp:
         F, Q = turning(ramp, dt / 2.0)
         return F @ F, F @ Q @ F.T + Q
-    times = np.append(dt / 2.0 * (1.0 + _NODES), dt)
-    x = times / ramp
-    fading = -np.expm1(-x)
-    answers = np.array([ramp**2 * (x - fading), ramp * fading, 1.0 - fading])  # to an acceleration of 1 rad/s^2
-    F = np.eye(3)
-    F[0, 1], F[:, 2] = dt, answers[:, -1]
-    return F, 0.5 * dt / ramp**2 * (answers[:, :-1] * _WEIGHTS) @ answers[:, :-1].T
+    # plain numbers: arrays of three cost three times as much
+    yy = yr = ya = rr = ra = aa = 0.0
+    for share, weight in _RULE:
+        yaw, rate, acceleration = _answers(ramp, share * dt)
+        of_yaw, of_rate = weight * yaw, weight * rate
+        yy += of_yaw * yaw
+        yr += of_yaw * rate
+        ya += of_yaw * acceleration
+        rr += of_rate * rate
+        ra += of_rate * acceleration
+        aa += weight * acceleration * acceleration
+    yaw, rate, acceleration = _answers(ramp, dt)
+    F = np.array([[1.0, dt, yaw], [0.0, 1.0, rate], [0.0, 0.0, acceleration]])
+    return F, dt / ramp**2 * np.array([[yy, yr, ya], [yr, rr, ra], [ya, ra, aa]])
+
+
+def _answers(ramp: float, seconds: float) -> tuple[float, float, float]:
+    """Yaw, rate and acceleration after some time, of an acceleration of 1 rad/s^2 that fades over `ramp` seconds."""
+    x = seconds / ramp
+    faded = -math.expm1(-x)
+    return ramp**2 * (x - faded), ramp * faded, 1.0 - faded

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from scipy.special import chdtri
+
 from fusion.buffer.events import FOREVER_NS, Sensor
-from fusion.checks.gate import Verdict, gate_limit
+from fusion.checks.gate import Verdict
 from fusion.config import FusionConfig
 from fusion.state.ekf import Expectation, Measurement
 
@@ -38,3 +40,11 @@ class Gating:
         if verdict is Verdict.ACCEPTED:
             state.ekf.correct(measurement, expected)
         return verdict
+
+
+def gate_limit(config: FusionConfig) -> float:
+    """Largest normalised innovation squared to let pass (chi-square of one degree of freedom).
+
+    Bar-Shalom, Li & Kirubarajan 2001, doi:10.1002/0471221279, section 5.4.
+    """
+    return float(chdtri(1, 1.0 - config.gate_probability))
