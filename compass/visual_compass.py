@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -12,9 +12,10 @@ import numpy as np
 from compass.angles import wrap_angle
 from compass.config import CompassConfig
 from compass.errors import VisualCompassError
+from compass.features.across_gap import is_confirmed
 from compass.features.long_baseline import Comparison, LongBaselines, View
 from compass.features.matching import match_landmarks
-from compass.history import SECOND_NS, ImageHistory
+from compass.history import RECENT, SECOND_NS, ImageHistory
 from compass.images.decode import Image
 from compass.images.full_circle import CircleCheck
 from compass.images.mask import load_mask
@@ -100,6 +101,7 @@ class VisualCompass:
         self._newest: Strip | None = None  # the last image whatever came of it
         self._order = StampOrder()
         self._still_since_ns = 0  # when the last image was first taken, if the camera repeats it
+        self._intervals_ns: deque[int] = deque(maxlen=RECENT)  # between images with texture that are no copies
         self._unmatched_since_ns: int | None = None
         self._sought_ns = 0  # when the last view was last sought by its corners
         self._baselines = LongBaselines()
@@ -165,12 +167,12 @@ class VisualCompass:
             self._keyframe = self._last_view(self._last)
             match = self._compare(self._keyframe, strip)
         self.status = self._judge_match(match)
-        if self.status is not CompassStatus.OK:
-            found = self._find_again(self._keyframe, strip)
-            if found is None:
+        if self.status is not CompassStatus.OK or self._missed_images(self._last, strip):
+            across = self._across_gap(self._last, self._keyframe, strip, match)
+            if across is None:
                 self._give_up_keyframe(strip)
                 return None
-            self.status, match = CompassStatus.FOUND_AGAIN, found
+            match = across
         return self._accept(self._keyframe, strip, match)
 
     def long_baseline(self) -> YawIncrement | None:
@@ -225,6 +227,7 @@ class VisualCompass:
             self._start_from(strip)
             return CompassStatus.FIRST_FRAME
         if strip.contrast != newest.contrast or not np.array_equal(strip.pixels, newest.pixels):
+            self._intervals_ns.append(strip.t_ns - self._still_since_ns)
             self._still_since_ns = strip.t_ns
         elif strip.t_ns - self._still_since_ns > FROZEN_NS:
             return CompassStatus.FROZEN
@@ -243,14 +246,41 @@ class VisualCompass:
         self._keyframe = self._last_view(self._last) if self._last is not None else None
         self._baselines.start_from(self._keyframe, strip.t_ns)
 
-    def _find_again(self, keyframe: View, strip: Strip) -> Match | None:
-        """Seek the last good view, by now the keyframe, by its corners; not at once, and not at every image."""
-        early = strip.t_ns - max(keyframe.strip.t_ns, self._sought_ns) < SEEK_NS
+    def _missed_images(self, last: Strip, strip: Strip) -> bool:
+        """Whether images are missing since the last good one: what the camera turned meanwhile is not known.
+
+        A slow camera leaves as long between all of its images, and has nothing better to compare them with.
+        """
+        usual_ns = sorted(self._intervals_ns)[(len(self._intervals_ns) - 1) // 2]
+        gap_ns = strip.t_ns - last.t_ns
+        return gap_ns > SEEK_NS and round(gap_ns / max(usual_ns, 1)) > 1
+
+    def _across_gap(self, last: Strip, keyframe: View, strip: Strip, match: Match) -> Match | None:
+        """The turn since the last good image where the keyframe's match alone does not tell it; sets the status.
+
+        In a place that repeats itself another bay may match better than the one that was seen last. So a match counts
+        only if the corners of the whole view say the same; where there is none, what they say is the answer. They are
+        not asked at once, and not at every image.
+        """
+        matched = self.status is CompassStatus.OK
+        if matched and not self._long_baseline:  # such a method is all there is
+            return match
+        if matched:
+            self.status = CompassStatus.AMBIGUOUS
+        early = strip.t_ns - max(last.t_ns, self._sought_ns) < SEEK_NS
         if early or not (self.config.find_again and self._long_baseline):
             return None
-        self._sought_ns = strip.t_ns
-        match = match_landmarks(keyframe.strip, strip, self._search(keyframe, strip))
-        return match if match.status is CompassStatus.OK else None
+        self._sought_ns, search = strip.t_ns, self._search(keyframe, strip)
+        if matched:
+            if not is_confirmed(match, keyframe.strip, strip, search):
+                return None
+            self.status = CompassStatus.OK
+            return match
+        found = match_landmarks(keyframe.strip, strip, search)
+        if found.status is not CompassStatus.OK:
+            return None
+        self.status = CompassStatus.FOUND_AGAIN
+        return found
 
     def _compare(self, keyframe: View, strip: Strip) -> Match:
         match = self._method(keyframe.strip, strip, self._search(keyframe, strip))

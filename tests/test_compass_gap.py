@@ -255,10 +255,11 @@ def test_fused_yaw_crosses_the_dark_without_a_gyro():
     assert (estimate.yaw + 333.3 / PER_RAD) ** 2 < 9.0 * estimate.yaw_variance < math.radians(3.0) ** 2
 
 
-def matched_with(monkeypatch, nats, rival):
-    """Status of a match of one place with these nats of evidence, and those of the best other answer."""
-    told = iter([nats, rival])
-    monkeypatch.setattr(matching, "_evidence", lambda *_: next(told))
+def matched_with(monkeypatch, nats, rival, repeats=0.0):
+    """Status of a match of one place with these nats of evidence, those of the best other answer and of look-alikes."""
+    monkeypatch.setattr(matching, "_evidence", lambda *_: nats)
+    monkeypatch.setattr(matching, "_rival", lambda *_: rival)
+    monkeypatch.setattr(matching, "_repetition", lambda *_: 0.5 * repeats)
     place = scene(3, WIDTH, HEIGHT)
     return match_landmarks(strip(place, 1), strip(shifted(place, 100.0), 2), ANYWHERE).status
 
@@ -274,8 +275,11 @@ def test_a_match_needs_more_evidence_than_unrelated_views_reach(monkeypatch, nat
     [(1000.0, 60.0, True), (1000.0, 150.0, False), (1000.0, 900.0, False), (160.0, 40.0, True), (160.0, 95.0, False)],
 )
 def test_another_answer_that_has_evidence_too_is_a_rival(monkeypatch, nats, rival, found):
-    """Where it has as much as a match needs."""
-    assert matched_with(monkeypatch, nats, rival) is (CompassStatus.OK if found else CompassStatus.LOW_CONFIDENCE)
+    """Where it has as much as a match needs, or leaves it less than that; look-alikes in either view count as one."""
+    status = CompassStatus.OK if found else CompassStatus.LOW_CONFIDENCE
+    assert matched_with(monkeypatch, nats, rival) is status
+    assert matched_with(monkeypatch, nats, 0.0, rival) is status
+    assert matched_with(monkeypatch, nats, 0.5 * rival, 0.5 * rival) is status
 
 
 @pytest.mark.parametrize(("sigma_deg", "found"), [(0.5, True), (2.0, True), (4.0, False), (20.0, False)])

@@ -1,9 +1,9 @@
 """The turn between two views that are seconds and metres apart, by corners that both show.
 
-ORB corners (Rublee et al. 2011, doi:10.1109/ICCV.2011.6126544) are matched; the motion that explains their ways is
-found as between neighbours, then once more from where their surroundings are to hundredths of a pixel. Where the turn
-is not known, a view is taken for the same place only if its inliers are far more than chance gives, and if those that
-look alike support no other motion: a corridor may look the same ahead and behind.
+ORB corners are matched; the motion that explains their ways is found as between neighbours, then once more from where
+their surroundings are to hundredths of a pixel. Where the turn is not known, a view is taken for the same place only if
+its inliers are far more than chance gives, and if the place does not repeat itself: a corridor may look the same ahead
+and behind, a square grid of pillars in four directions.
 """
 
 from __future__ import annotations
@@ -12,15 +12,15 @@ import math
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 from scipy.special import rel_entr
 
 from compass.angles import wrap_angle
 from compass.features.bearings import Projection, Tangents
+from compass.features.landmarks import Indices, Landmarks, landmarks_of, look_alikes, mutual_landmarks, two_nearest
 from compass.features.motion import DIRECTIONS, FIRST_PX, NEXT_PX, ambiguity, yaw_variance
-from compass.features.padded_strip import MARGIN, Picture
+from compass.features.padded_strip import MARGIN
 from compass.features.patch_alignment import align
 from compass.features.points import sectors_of
 from compass.features.prior import DISAGREE, FEWEST, ONE_SIDED, TILT_SIGMA, imu_tilt, precision_of, tilt_error
@@ -31,39 +31,16 @@ from compass.flow.correlation import FLOOR_PX, Floats
 from compass.images.strip import Strip
 from compass.methods.match import Match, Search
 
-Indices = npt.NDArray[np.intp]
 Flags = npt.NDArray[np.bool_]
 
-# Of ORB; 500 cost a third of the accuracy, 3 levels gain 7 %
-# and lose scale (docs/lab-notes/long-baseline-2026-11-28.md).
-CORNERS, LEVELS = 1000, 5
 # Times as far as between neighbours do corners move in some seconds: parallaxes, outliers, first rounds. Seven tuned
 # drives, views 1 to 4 s apart, err by 0.0139 deg with 8, 0.0150 with 16, 0.0158 with 32; with 4 some by 2 deg, wrong
 # minima (docs/lab-notes/long-baseline-2026-11-28.md).
 WIDER = 8.0
-# Nats by which matches must surpass chance to be an answer, and those that look alike another one's: unrelated pairs,
-# 150 of them, reach 65, others of one place 60, those of a symmetric corridor 179 and more
-# (docs/lab-notes/constants-2026-11-29.md).
+# Nats by which matches must surpass chance, and rivals, to be an answer: unrelated pairs, 150 of them, reach 65
+# (docs/lab-notes/constants-2026-11-29.md). A place whose rivals have as many repeats itself: in those that do, all but
+# one of 114 wrong matches have 99 and more (docs/lab-notes/gaps-2026-11-29.md).
 MIN_EVIDENCE = 80.0
-
-
-@dataclass(frozen=True, eq=False)
-class Landmarks:
-    """Corners of a panorama.
-
-    Attributes
-    ----------
-    picture : Picture
-        The panorama.
-    corners : (n, 2) array
-        Columns and rows.
-    descriptors : (n, 32) array of uint8
-        What they look like.
-    """
-
-    picture: Picture
-    corners: Floats
-    descriptors: npt.NDArray[np.uint8]
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,12 +159,14 @@ def match_landmarks(reference: Strip, current: Strip, search: Search) -> Match:
     if seen is None:
         return Match.none()
     views, pairs = seen
-    corners, alike = views.matched(pairs), _alike(views.before, views.after)
+    corners, alike = views.matched(pairs), two_nearest(views.before, views.after)
     motion = _found(views, corners)
     outliers = ~_inliers(views, views.matched(alike), motion)
     if 2 * np.count_nonzero(_inliers(views, corners, motion)) <= len(pairs):  # another motion may have as many
         return Match.none()
-    if _evidence(views, corners, motion) < MIN_EVIDENCE or _rivalled(views, views.matched(alike[outliers]), motion):
+    rivals = _rival(views, views.matched(alike[outliers]), float(motion.states[0, YAW]))
+    rivals += sum(_repetition(strip, search.forward_px) for strip in (reference, current))
+    if rivals > MIN_EVIDENCE or _evidence(views, corners, motion) < MIN_EVIDENCE + rivals:
         return Match.none()
     per_px, mean = views.projection.per_column, views.expected(float(motion.states[0, YAW]))
     sigma = math.sqrt(yaw_variance(motion, sectors_of(corners.at, reference.columns), True))
@@ -206,7 +185,7 @@ def _matched_views(reference: Strip, current: Strip, search: Search) -> tuple[Vi
     if reference.seen is not None and reference.seen.widest_hidden > ONE_SIDED:
         return None
     views = Views.of(reference, current, search)
-    pairs = _mutual(views.before, views.after)
+    pairs = mutual_landmarks(views.before, views.after)
     return (views, pairs) if len(pairs) >= FEWEST else None
 
 
@@ -241,12 +220,21 @@ def _evidence(views: Views, corners: Corners, motion: Fit) -> float:
     return len(order) * float(rel_entr(share, chance) + rel_entr(1.0 - share, 1.0 - chance)) if share > chance else 0.0
 
 
-def _rivalled(views: Views, outliers: Corners, motion: Fit) -> bool:
-    """Whether corners that look alike but are outliers of the motion are inliers of another one, turned elsewhere."""
-    if len(outliers.at) < FEWEST:
-        return False
-    rival = _found(views, outliers, float(motion.states[0, YAW]))
-    return _evidence(views, outliers, rival) > MIN_EVIDENCE
+def _rival(views: Views, corners: Corners, besides: float) -> float:
+    """Nats of evidence for the best motion that turns elsewhere, rad; 0 where there are few corners."""
+    return _evidence(views, corners, _found(views, corners, besides)) if len(corners.at) >= FEWEST else 0.0
+
+
+@lru_cache(maxsize=2)
+def _repetition(strip: Strip, forward_px: float) -> float:
+    """Nats of evidence that a place looks the same once it is turned: from the corners of a view to their look-alikes.
+
+    Where another bay of a grid is taken for the last view, all corners agree with the wrong turn, and few of the second
+    nearest with the true one: of dozens of copies it is any. Each view by itself still shows that there are copies.
+    """
+    seen = landmarks_of(strip)
+    views = Views(seen, seen, Projection.of(strip, forward_px))
+    return _rival(views, views.matched(look_alikes(seen)), 0.0)
 
 
 def _sharpened(views: Views, pairs: Indices, rough: Fit, mean: Floats, yaw_sigma: float) -> Match:
@@ -268,44 +256,3 @@ def _sharpened(views: Views, pairs: Indices, rough: Fit, mean: Floats, yaw_sigma
     variance = yaw_variance(fit, sectors_of(corners.at, strip.columns), True)
     variance += (FLOOR_PX * px) ** 2 + tilt_error(strip, (tilt_x, tilt_y)) ** 2
     return Match(wrap_angle(yaw) / px, variance / px**2, float(inlier.mean()), tilt=(tilt_x, tilt_y))
-
-
-@lru_cache(maxsize=2)
-def landmarks_of(strip: Strip) -> Landmarks:
-    """Corners of the world in a strip, with descriptors."""
-    picture = Picture(strip)
-    nothing = Landmarks(picture, np.empty((0, 2)), np.empty((0, 32), np.uint8))
-    orb = cv2.ORB.create(CORNERS, nlevels=LEVELS)
-    orb.setEdgeThreshold(orb.getPatchSize() // 2)  # suffices
-    if min(strip.pixels.shape) <= orb.getPatchSize():
-        return nothing
-    corners, descriptors = orb.detectAndCompute(picture.bytes, None)
-    if descriptors is None:
-        return nothing
-    at = np.array([corner.pt for corner in corners]) - [MARGIN, 0.0]
-    inside = (at[:, 0] >= -0.5) & (at[:, 0] < strip.columns - 0.5)  # each once
-    if picture.clear is not None:
-        column, row = np.rint(at).astype(np.intp).T
-        inside &= picture.clear[row, column % strip.columns]
-    return Landmarks(picture, at[inside], np.asarray(descriptors, np.uint8)[inside])
-
-
-def _mutual(before: Landmarks, after: Landmarks) -> Indices:
-    """(n, 2) indices of corners that are each other's nearest.
-
-    Descriptors of bits that are 1 and -1 have a product that falls by two for each bit that differs: small whole
-    numbers, so that nothing is rounded, and half the time of a search for the nearest in either direction.
-    """
-    if min(len(before.descriptors), len(after.descriptors)) < FEWEST:  # few corners match nothing
-        return np.empty((0, 2), np.intp)
-    one, other = (2.0 * np.unpackbits(of.descriptors, axis=1).astype(np.float32) - 1.0 for of in (before, after))
-    likeness = one @ other.T
-    nearest, back = likeness.argmax(axis=1), likeness.argmax(axis=0)
-    mutual = np.flatnonzero(back[nearest] == np.arange(len(one)))
-    return np.stack([mutual, nearest[mutual]], axis=1)
-
-
-def _alike(before: Landmarks, after: Landmarks) -> Indices:
-    """(n, 2) indices of all corners that look alike: each one's two nearest."""
-    nearest = cv2.batchDistance(before.descriptors, after.descriptors, cv2.CV_32S, normType=cv2.NORM_HAMMING, K=2)[1]
-    return np.stack([np.repeat(np.arange(len(nearest)), 2), nearest.ravel()], axis=1)

@@ -46,13 +46,15 @@ def quantile(values: Floats, share: float) -> float:
     return float(np.sort(values)[int(share * (values.size - 1) + 0.5)])
 
 
-def coarse_shift(spectrum: Spectrum, columns: int, search: Search) -> CoarseShift:
+def coarse_shift(spectrum: Spectrum, columns: int, search: Search, rival_height: float = RIVAL_HEIGHT) -> CoarseShift:
     """Shift of all rows pooled: the highest peak within reach, unless only one outside it matches.
 
     Parameters
     ----------
     spectrum : (columns // 2 + 1,) array
         Of the strips' correlation, as `pooled_spectrum` or `upright_spectrum` gives it.
+    rival_height : float
+        Of the highest peak, above which another one within reach makes it ambiguous.
     """
     values = scipy.fft.irfft(spectrum, columns)
     best = anywhere = int(values.argmax())
@@ -64,6 +66,6 @@ def coarse_shift(spectrum: Spectrum, columns: int, search: Search) -> CoarseShif
         if shoulder or values[best] < OUTSIDE * values[anywhere]:
             best, possible = anywhere, np.ones(columns, bool)
     rivals = possible & (np.abs(signed(lags - best, columns)) > columns / PEAKS_PER_CIRCLE)
-    ambiguous = bool(rivals.any()) and float(values[rivals].max()) > RIVAL_HEIGHT * float(values[best])
+    ambiguous = bool(rivals.any()) and float(values[rivals].max()) > rival_height * float(values[best])
     status = CompassStatus.AMBIGUOUS if ambiguous else CompassStatus.OK
     return CoarseShift(int(signed(best, columns)), float(values[best]), status)
