@@ -7,7 +7,6 @@ import numpy as np
 from compass.flow.correlation import FLOOR_PX, Peak, continuous_peak, pooled_spectrum
 from compass.images.strip import Spectrum, Strip
 
-SIGNIFICANT = 1.0  # deviations of chi-square by which bands must lie apart to count: white noise passes one in six
 NEGLIGIBLE_BAND = 1e-3  # of all information: a band with less has no shift of its own
 # Edges of the bands of spatial frequency that are asked for a shift of their own, waves per column: octaves, and from
 # 1/8 on, where most of a photograph's information lies, steps of 1/16.
@@ -39,7 +38,8 @@ def _bands_apart(spectrum: Spectrum, columns: int, peak: Peak, bound: float) -> 
     scatter of sectors shows it, by hundredths of a column where noise leaves thousandths. Coarse detail does not
     follow. How far the bands lie apart is how far their weighted mean, the peak, may lie from the truth; it is not
     divided by their number, because they err to the same side. The estimate is that of random effects (DerSimonian and
-    Laird 1986, doi:10.1016/0197-2456(86)90046-2): chi-square less its expectation, where that is more than chance.
+    Laird 1986, doi:10.1016/0197-2456(86)90046-2): chi-square less its expectation, where that is more than its
+    deviation; white noise passes one in six.
     """
     edges = np.unique(np.minimum(np.round(BANDS * columns), spectrum.size - 1).astype(np.intp))
     omega = 2.0 * np.pi / columns * np.arange(spectrum.size)
@@ -50,4 +50,4 @@ def _bands_apart(spectrum: Spectrum, columns: int, peak: Peak, bound: float) -> 
     between = float((slope[informative] ** 2 / bend[informative]).sum() / bend[informative].sum())
     free = np.count_nonzero(informative) - 1
     excess = between - free * bound
-    return excess if excess > SIGNIFICANT * np.sqrt(2.0 * free) * bound else 0.0
+    return excess if excess > np.sqrt(2.0 * free) * bound else 0.0
