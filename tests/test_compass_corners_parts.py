@@ -14,19 +14,7 @@ from compass.features.motion import AGREE, Motion, parallax_score
 from compass.features.padded_strip import MARGIN, Picture
 from compass.features.points import SIDE, cut_patches, find_corners, sample
 from compass.features.prior import precision_of
-from compass.features.solver import (
-    DIRECTION,
-    OUTLIER,
-    TILT_X,
-    TILT_Y,
-    TINY,
-    YAW,
-    Problem,
-    Start,
-    ascend,
-    condition,
-    even_shares,
-)
+from compass.features.solver import OUTLIER, TINY, Problem, Start, State, ascend, condition, even_shares
 from compass.features.tracking import track
 from compass.images.strip import prepare_strip
 
@@ -174,9 +162,9 @@ def test_motion_of_synthetic_corners_is_found(outliers):
         state = fit.states[0]
         assert motion.travels
         # of 200 corners with 0.05 columns each
-        assert state[YAW] == pytest.approx(TRUTH[YAW], abs=0.03 * PER_PX)
-        assert state[[TILT_X, TILT_Y]] == pytest.approx(TRUTH[1:3], abs=0.03 * PER_PX)
-        assert math.remainder(state[DIRECTION] - TRUTH[3], math.tau) == pytest.approx(0.0, abs=0.1)
+        assert state[State.YAW] == pytest.approx(TRUTH[State.YAW], abs=0.03 * PER_PX)
+        assert state[[State.TILT_X, State.TILT_Y]] == pytest.approx(TRUTH[1:3], abs=0.03 * PER_PX)
+        assert math.remainder(state[State.DIRECTION] - TRUTH[3], math.tau) == pytest.approx(0.0, abs=0.1)
         assert fit.noise[0] == pytest.approx(0.6, abs=0.3)  # a t of 3 degrees of freedom is wider than its scale
         assert fit.inlier.mean() == pytest.approx(1.0 - outliers, abs=0.1)
 
@@ -186,12 +174,12 @@ def test_motion_that_goes_on_is_left_only_for_a_likelier_one():
         motion = Motion.unknown()
         motion.follow(synthetic(seed=seed))
         problem = synthetic(outliers=0.4, seed=seed)  # so many that all directions are tried anew
-        problem.start[DIRECTION:] = motion.start.states[0, DIRECTION:]
+        problem.start[State.DIRECTION :] = motion.start.states[0, State.DIRECTION :]
         continued = motion._continued(problem)
         fit = motion.follow(problem)
         assert fit.inlier.mean() < AGREE
         assert fit.log_posterior[0] >= continued.log_posterior[0]
-        assert fit.states[0, YAW] == pytest.approx(TRUTH[YAW], abs=0.05 * PER_PX)
+        assert fit.states[0, State.YAW] == pytest.approx(TRUTH[State.YAW], abs=0.05 * PER_PX)
 
 
 def test_turn_without_travel_is_recognised():
@@ -200,7 +188,7 @@ def test_turn_without_travel_is_recognised():
         fit = motion.follow(synthetic(seed=seed, pushed=False))
         assert not motion.travels
         assert fit.shares[0].size == 2
-        assert fit.states[0, YAW] == pytest.approx(TRUTH[YAW], abs=0.02 * PER_PX)
+        assert fit.states[0, State.YAW] == pytest.approx(TRUTH[State.YAW], abs=0.02 * PER_PX)
 
 
 def test_score_of_a_turn_is_small_and_of_a_drive_large():

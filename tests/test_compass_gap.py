@@ -27,7 +27,7 @@ from compass.features.bearings import Projection, Tangents
 from compass.features.matching import Corners, landmarks_of, match_landmarks
 from compass.features.motion import yaw_variance
 from compass.features.points import sectors_of
-from compass.features.solver import ROTATION, YAW
+from compass.features.solver import ROTATION, State
 from compass.images.mask import RobotMask
 from compass.images.strip import prepare_strip
 from compass.methods.match import Search
@@ -75,7 +75,7 @@ def motion_of(seen, again):
     """Turn, its variance, and the fit."""
     corners = corners_of(seen, again)
     fit = matching._found(LevelViews, corners)
-    return wrap_angle(fit.states[0, YAW]), yaw_variance(fit, sectors_of(corners.at, WIDTH), True), fit
+    return wrap_angle(fit.states[0, State.YAW]), yaw_variance(fit, sectors_of(corners.at, WIDTH), True), fit
 
 
 @pytest.mark.parametrize("turn", TURNS)

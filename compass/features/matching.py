@@ -25,7 +25,7 @@ from compass.features.patch_alignment import align
 from compass.features.points import sectors_of
 from compass.features.prior import DISAGREE, FEWEST, ONE_SIDED, TILT_SIGMA, imu_tilt, precision_of, tilt_error
 from compass.features.relative_pose import likely_states
-from compass.features.solver import DIRECTION, ROTATION, YAW, Fit, Problem, Start, ascend
+from compass.features.solver import ROTATION, Fit, Problem, Start, State, ascend
 from compass.features.tracking import MIN_LIKENESS
 from compass.flow.correlation import FLOOR_PX, Floats
 from compass.images.strip import Strip
@@ -130,7 +130,7 @@ class Corners:
 def _all_round(mean: Floats) -> Start:
     """Directions of travel all round, with nothing known of the mixture."""
     states = np.repeat(mean[None], DIRECTIONS, axis=0)
-    states[:, DIRECTION] = np.arange(DIRECTIONS) * math.tau / DIRECTIONS
+    states[:, State.DIRECTION] = np.arange(DIRECTIONS) * math.tau / DIRECTIONS
     return Start.unknown(states)
 
 
@@ -164,11 +164,11 @@ def match_landmarks(reference: Strip, current: Strip, search: Search) -> Match:
     outliers = ~_inliers(views, views.matched(alike), motion)
     if 2 * np.count_nonzero(_inliers(views, corners, motion)) <= len(pairs):  # another motion may have as many
         return Match.none()
-    rivals = _rival(views, views.matched(alike[outliers]), float(motion.states[0, YAW]))
+    rivals = _rival(views, views.matched(alike[outliers]), float(motion.states[0, State.YAW]))
     rivals += sum(_repetition(strip, search.forward_px) for strip in (reference, current))
     if rivals > MIN_EVIDENCE or _evidence(views, corners, motion) < MIN_EVIDENCE + rivals:
         return Match.none()
-    per_px, mean = views.projection.per_column, views.expected(float(motion.states[0, YAW]))
+    per_px, mean = views.projection.per_column, views.expected(float(motion.states[0, State.YAW]))
     sigma = math.sqrt(yaw_variance(motion, sectors_of(corners.at, reference.columns), True))
     match = _sharpened(views, pairs, corners.motions(mean, sigma), mean, sigma)
     # what misleads all corners alike, alignment does not mend
@@ -196,18 +196,20 @@ def _found(views: Views, corners: Corners, besides: float | None = None) -> Fit:
     """
     trials, px = [], corners.per_column
     for state in likely_states(corners.tangents, corners.seen, besides):
-        mean = views.expected(float(state[YAW]))
+        mean = views.expected(float(state[State.YAW]))
         fit = ascend(corners.problem(state, mean), Start.unknown(state[None]), FIRST_PX * px)
         trials.append(ascend(corners.problem(fit.states[0], mean), fit, NEXT_PX * px))  # linear about the last state
     support = np.array([np.count_nonzero(_inliers(views, corners, trial)) for trial in trials])
     best = trials[support.argmax()]
-    best.ambiguity = ambiguity(np.array([trial.states[0, YAW] for trial in trials]), support - support.max(), best)
+    best.ambiguity = ambiguity(
+        np.array([trial.states[0, State.YAW] for trial in trials]), support - support.max(), best
+    )
     return best
 
 
 def _inliers(views: Views, corners: Corners, motion: Fit) -> Flags:
     """(n,) which corners are inliers of a motion."""
-    problem = corners.problem(motion.states[0], views.expected(float(motion.states[0, YAW])))
+    problem = corners.problem(motion.states[0], views.expected(float(motion.states[0, State.YAW])))
     return np.asarray(ascend(problem, Start.unknown(motion.states), np.empty(0)).inlier[0] > 0.5)
 
 
@@ -250,7 +252,7 @@ def _sharpened(views: Views, pairs: Indices, rough: Fit, mean: Floats, yaw_sigma
     start = trials.only(trials.best)
     for _ in range(2):  # linear about the last state; what was expected has chosen, and says no more
         start = fit = ascend(corners.problem(start.states[0], mean), start, NEXT_PX * px)
-    fit.ambiguity = ambiguity(trials.states[:, YAW], trials.log_posterior - fit.log_posterior[0], fit)
+    fit.ambiguity = ambiguity(trials.states[:, State.YAW], trials.log_posterior - fit.log_posterior[0], fit)
     yaw, tilt_x, tilt_y = fit.states[0, ROTATION].tolist()
     strip = views.before.picture.strip
     variance = yaw_variance(fit, sectors_of(corners.at, strip.columns), True)

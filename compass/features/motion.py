@@ -10,7 +10,7 @@ import numpy as np
 from compass.features.bearings import Index
 from compass.features.points import SECTORS, Floats
 from compass.features.prior import DISAGREE, INDEPENDENT
-from compass.features.solver import CLIMB, DIRECTION, TINY, YAW, Fit, Problem, Start, ascend, even_shares
+from compass.features.solver import TINY, Fit, Problem, Start, State, ascend, even_shares
 
 DIRECTIONS = 6  # of travel that are tried where none is known: a basin of attraction is wider than 60 deg
 # Of the corners must be inliers for a motion to be taken without trying others, a turn without travel, too. With 0.8,
@@ -80,14 +80,14 @@ class Motion:
         if not self.travels:
             return turned
         states = np.repeat(turned.states, DIRECTIONS, axis=0)
-        states[:, DIRECTION] += np.arange(DIRECTIONS) * math.tau / DIRECTIONS
-        states[:, CLIMB] = 0.0
+        states[:, State.DIRECTION] += np.arange(DIRECTIONS) * math.tau / DIRECTIONS
+        states[:, State.CLIMB] = 0.0
         starts = Start(states, np.repeat(even_shares(), DIRECTIONS, axis=0), np.repeat(turned.noise, DIRECTIONS))
         trials = ascend(problem, starts, extra)
         fit = ascend(problem, trials.only(trials.best), NEXT_PX * per_column)
         if continued is not None and continued.log_posterior[0] > fit.log_posterior[0]:
             fit = continued
-        fit.ambiguity = ambiguity(trials.states[:, YAW], trials.log_posterior - fit.log_posterior[0], fit)
+        fit.ambiguity = ambiguity(trials.states[:, State.YAW], trials.log_posterior - fit.log_posterior[0], fit)
         self.travels = bool(fit.log_posterior[0] > turned.log_posterior[0])
         return fit if self.travels else turned
 
@@ -98,7 +98,7 @@ def ambiguity(yaw: Floats, log_odds: Floats, fit: Fit) -> float:
     `yaw` (rad) and `log_odds` against the fit are (k,) of what was tried.
     """
     odds = np.exp(INDEPENDENT * np.minimum(log_odds, 0.0))
-    apart = (yaw - fit.states[0, YAW] + math.pi) % math.tau - math.pi
+    apart = (yaw - fit.states[0, State.YAW] + math.pi) % math.tau - math.pi
     return float((odds / (1.0 + odds) * apart**2).max())
 
 

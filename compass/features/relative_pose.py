@@ -13,7 +13,7 @@ import numpy as np
 from compass.features.bearings import Tangents
 from compass.features.motion import DIRECTIONS
 from compass.features.prior import TILT_SIGMA
-from compass.features.solver import DIRECTION, YAW
+from compass.features.solver import State
 from compass.flow.correlation import Floats
 
 # Pairs of corners; each gives two turns, and travel ahead or back. Where a fifth are inliers, a pair of inliers is
@@ -37,8 +37,8 @@ def likely_states(tangents: Tangents, seen: Floats, besides: float | None = None
         support[np.cos(drawn[0] - besides) > np.cos(math.tau / DIRECTIONS)] = -1.0
     found = np.zeros((DIRECTIONS, 5))
     for state in found:
-        state[YAW], state[DIRECTION] = drawn[:, support.argmax()]
-        support[np.cos(drawn[0] - state[YAW]) > np.cos(TILT_SIGMA)] = -1.0
+        state[State.YAW], state[State.DIRECTION] = drawn[:, support.argmax()]
+        support[np.cos(drawn[0] - state[State.YAW]) > np.cos(TILT_SIGMA)] = -1.0
     return found
 
 

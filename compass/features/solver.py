@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from enum import IntEnum
 
 import numpy as np
 
@@ -19,7 +20,17 @@ from compass.features.density import exponentially_modified
 from compass.features.padded_strip import HALF
 from compass.features.points import SIDE, Floats
 
-YAW, TILT_X, TILT_Y, DIRECTION, CLIMB = range(5)
+
+class State(IntEnum):
+    """Where the unknowns are in the state of a motion; all in rad."""
+
+    YAW = 0
+    TILT_X = 1
+    TILT_Y = 2
+    DIRECTION = 3
+    CLIMB = 4
+
+
 ROTATION = slice(0, 3)
 FREEDOM = 3.0  # degrees of freedom of the t: 2 to 5 differ by a tenth in the yaw's RMS over a drive
 MEANS_PX = np.array([0.3, 2.0, 12.0])  # of the parallaxes, columns: from what noise hides to a keyframe's end
@@ -255,7 +266,7 @@ class _Lines:
 
     def __init__(self, problem: Problem, states: Floats) -> None:
         self.off = (states - problem.start)[:, ROTATION] @ problem.rotating + problem.moved
-        direction, climb = states[:, DIRECTION], states[:, CLIMB]
+        direction, climb = states[:, State.DIRECTION], states[:, State.CLIMB]
         sine, cosine, level, rise = np.sin(direction), np.cos(direction), np.cos(climb), np.sin(climb)
         travel = cosine * level, sine * level, rise
         changes = -sine * level, cosine * level, 0.0 * rise, -cosine * rise, -sine * rise, level
@@ -282,5 +293,5 @@ class _Lines:
         jacobian[:, ROTATION] = problem.rotating * self._back[:, None]
         if pushed:
             swing = self._changes * (self._back / -self.length)[:, None]
-            jacobian[:, DIRECTION:] = -1j * self._residual[:, None] * swing.imag  # rad by which the lines turn
+            jacobian[:, State.DIRECTION :] = -1j * self._residual[:, None] * swing.imag  # rad by which the lines turn
         return jacobian.view(np.float64)

@@ -16,7 +16,7 @@ from compass.features.motion import AGREE, Motion, yaw_variance
 from compass.features.padded_strip import HALF, Picture
 from compass.features.points import Floats, Patches, cut_patches, find_corners, sectors_of
 from compass.features.prior import DISAGREE, FEWEST, GAP, ONE_SIDED, imu_tilt, precision_of, tilt_error
-from compass.features.solver import CLIMB, DIRECTION, ROTATION, YAW, Fit, Problem
+from compass.features.solver import ROTATION, Fit, Problem, State
 from compass.features.tracking import Tracks, track
 from compass.flow.coarse_shift import CoarseShift, coarse_shift, quantile
 from compass.flow.correlation import FLOOR_PX, signed, upright_spectrum
@@ -110,7 +110,9 @@ class CornerTracker:
         if old is not None and picture is newest:  # the image that was compared with the old keyframe last
             motion = old.motion
             state = motion.start.states[0]
-            motion.start.states = np.array([[0.0, 0.0, 0.0, state[DIRECTION] - state[YAW], state[CLIMB]]])
+            motion.start.states = np.array(
+                [[0.0, 0.0, 0.0, state[State.DIRECTION] - state[State.YAW], state[State.CLIMB]]]
+            )
             motion.start.noise = np.ones(1)
         self._keyframe = Keyframe(picture, patches, tangents, patches.at, patches.at, np.zeros_like(patches.at), motion)
         return self._keyframe
@@ -201,7 +203,7 @@ def _problem(
     tangents = key.tangents.some(tracks.index)
     seen = projection.directions(tracks.at + key.patches.centre[tracks.index])
     start = key.motion.start.states[0].copy()
-    yaw = float(start[YAW]) + turned_px * projection.per_column
+    yaw = float(start[State.YAW]) + turned_px * projection.per_column
     prior = np.array([yaw, *tilt, 0.0, 0.0])
     start[ROTATION] = prior[ROTATION]
     right, mixed, down = tracks.noise * key.patches.covariance[tracks.index].T
