@@ -14,7 +14,7 @@ from compass.features.motion import AGREE, Motion, parallax_score
 from compass.features.padded_strip import MARGIN, Picture
 from compass.features.points import SIDE, cut_patches, find_corners, sample
 from compass.features.prior import precision_of
-from compass.features.solver import OUTLIER, TINY, Problem, Start, State, ascend, condition, even_shares
+from compass.features.solver import MEANS_PX, TINY, Problem, Start, State, ascend, condition, even_shares
 from compass.features.tracking import track
 from compass.images.strip import prepare_strip
 
@@ -201,7 +201,7 @@ def test_score_of_a_turn_is_small_and_of_a_drive_large():
 def test_slope_of_the_posterior_is_its_derivative():
     problem = synthetic(seed=3)
     shares, step = np.array([[0.4, 0.1, 0.2, 0.2, 0.1]]), 1e-7
-    assert shares.shape[1] == OUTLIER + 1
+    assert shares.shape[1] == MEANS_PX.size + 2
     state = TRUTH + np.array([1e-4, 2e-4, -1e-4, 0.05, 0.01])
 
     def at(change):

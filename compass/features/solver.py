@@ -34,7 +34,6 @@ class State(IntEnum):
 ROTATION = slice(0, 3)
 FREEDOM = 3.0  # degrees of freedom of the t: 2 to 5 differ by a tenth in the yaw's RMS over a drive
 MEANS_PX = np.array([0.3, 2.0, 12.0])  # of the parallaxes, columns: from what noise hides to a keyframe's end
-AT_INFINITY, OUTLIER = 0, MEANS_PX.size + 1  # components of the mixture: no parallax, and none of all
 TINY = 1e-6  # columns, rad^-2; of what has no error or no precision, for there is no division by zero
 
 
@@ -109,7 +108,7 @@ class Start:
     states : (k, 5) array
         As `Problem.start`.
     shares : (k, components) array
-        Of the mixture.
+        Of the mixture: no parallax first, then each of `MEANS_PX`, outliers last.
     noise : (k,) array
         Factor by which the covariances have to be multiplied.
     """
@@ -172,7 +171,7 @@ class Fit(Start):
 
 def even_shares(pushed: bool = True) -> Floats:
     """(1, components) nothing known of the mixture."""
-    count = OUTLIER + 1 if pushed else 2
+    count = MEANS_PX.size + 2 if pushed else 2
     return np.full((1, count), 1.0 / count)
 
 
@@ -198,7 +197,7 @@ def ascend(problem: Problem, start: Start, extra: Floats, pushed: bool = True) -
     bends = np.empty((2, len(parts) - 1, *parts.shape[1:]))  # slope of the logarithm of all but the outliers', and bend
     slope, bend = bends
     forces, weights = both = np.empty((2, *parts.shape[1:], 2))  # along and across
-    bend[AT_INFINITY] = 1.0
+    bend[0] = 1.0
     for beyond in (*(extra * extra).tolist(), None):
         lines = _Lines(problem, states)
         var_along, var_across = lines.variances(problem, noise)
@@ -209,13 +208,10 @@ def ascend(problem: Problem, start: Start, extra: Floats, pushed: bool = True) -
         var_along /= scale
         sigma = np.sqrt(var_along)
         scaled = lines.along / sigma
-        np.negative(scaled, out=slope[AT_INFINITY])
-        parts[AT_INFINITY] = np.exp(-0.5 * scaled * scaled)
+        np.negative(scaled, out=slope[0])
+        parts[0] = np.exp(-0.5 * scaled * scaled)
         if pushed:
-            near = slice(AT_INFINITY + 1, OUTLIER)
-            parts[near], slope[near], bend[near] = exponentially_modified(
-                scaled, sigma / (lines.length * problem.means)
-            )
+            parts[1:-1], slope[1:], bend[1:] = exponentially_modified(scaled, sigma / (lines.length * problem.means))
         parts[:-1] *= scale ** (0.5 * (FREEDOM + 1.0)) / (sigma * np.sqrt(var_across))
         parts[-1] = uniform
         parts *= shares.T[:, :, None]

@@ -39,7 +39,6 @@ HALFWAY = 0.5
 # What stays in the picture must itself be so alike: with 0.5 a full circle in fog came to 0.86.
 CROSSES = 0.85
 TURN_FACTOR_SIGMA = 0.5  # of the turns it shows: of half a circle half is true, two of them show half of it
-FEWEST_CROSSING = 4  # columns that cross, or the noise of a few decides; views in which they do
 
 
 @dataclass(frozen=True, slots=True)
@@ -173,7 +172,7 @@ class CircleCheck:
         """What was seen so far; None before enough different views were."""
         if self._verdict is None and (self._views >= VIEWS or self._discs >= VIEWS):
             seam, middle = (float(np.median(steps)) if len(steps) >= VIEWS else math.nan for steps in self._steps)
-            crossed = len(self._crossing) >= FEWEST_CROSSING
+            crossed = 2 * len(self._crossing) >= VIEWS
             crossing = float(np.quantile(self._crossing, 0.75)) if crossed else math.nan
             twice = float(np.median(self._twice)) if self._twice else math.nan
             blank = 0.0 if self._blank is None else float(self._blank.mean())
@@ -213,7 +212,7 @@ def _likeness_of_crossing(before: Strip, now: Strip, changed: npt.NDArray[np.boo
     crossed = np.zeros(columns, np.bool_)
     crossed[slice(0, shift) if shift > 0 else slice(columns + shift, columns)] = True
     shows = changed & np.roll(changed, shift)
-    if (crossed & shows).sum() < FEWEST_CROSSING:
+    if (crossed & shows).sum() < 2 * BORDER_PX:  # as many on either side of the seam are blurred
         return []
     was, is_now = np.roll(before.smoothed(UPRIGHT_ROWS), shift, axis=1), now.smoothed(UPRIGHT_ROWS)
     if seen is not None:
