@@ -272,7 +272,7 @@ def test_a_match_needs_more_evidence_than_unrelated_views_reach(monkeypatch, nat
 
 @pytest.mark.parametrize(
     ("nats", "rival", "found"),
-    [(1000.0, 60.0, True), (1000.0, 150.0, False), (1000.0, 900.0, False), (160.0, 40.0, True), (160.0, 95.0, False)],
+    [(1000.0, 60.0, True), (1000.0, 150.0, False), (1000.0, 900.0, False), (160.0, 10.0, True), (160.0, 40.0, False)],
 )
 def test_another_answer_that_has_evidence_too_is_a_rival(monkeypatch, nats, rival, found):
     """Where it has as much as a match needs, or leaves it less than that; look-alikes in either view count as one."""

@@ -166,7 +166,9 @@ def match_landmarks(reference: Strip, current: Strip, search: Search) -> Match:
         return Match.none()
     rivals = _rival(views, views.matched(alike[outliers]), float(motion.states[0, State.YAW]))
     rivals += sum(_repetition(strip, search.forward_px) for strip in (reference, current))
-    if rivals > MIN_EVIDENCE or _evidence(views, corners, motion) < MIN_EVIDENCE + rivals:
+    # half a squared deviation each: by deviations do they differ
+    left = math.sqrt(_evidence(views, corners, motion)) - math.sqrt(rivals)
+    if rivals > MIN_EVIDENCE or left < math.sqrt(MIN_EVIDENCE):
         return Match.none()
     per_px, mean = views.projection.per_column, views.expected(float(motion.states[0, State.YAW]))
     sigma = math.sqrt(yaw_variance(motion, sectors_of(corners.at, reference.columns), True))
