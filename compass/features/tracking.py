@@ -16,13 +16,11 @@ import numpy.typing as npt
 
 from compass.features.padded_strip import HALF, MARGIN, Picture
 from compass.features.points import SIDE, WINDOW, Patches, levelled, sample
+from compass.flow.correlation import FLOOR_PX
 from compass.images.strip import Pixels
 
 Index = npt.NDArray[np.intp]
 
-# Pixels; what the finer alignment moves by more is aligned again: it errs by a tenth of its way. Never and always:
-# docs/lab-notes/constants-2026-11-29.md.
-SETTLED = 0.2
 LONGEST_CORRECTION_PX = 1.0  # pixels by which it may move a track in all
 # Of the corners, or they are sought with more levels of the pyramid: with a half a walk at 2 Hz ends 1.9 deg off
 # instead of 1.1 (docs/lab-notes/constants-2026-11-29.md).
@@ -106,7 +104,8 @@ def _tracked(before: Picture, patches: Patches, now: Picture, guess: Pixels, lev
     index = np.flatnonzero(found[:, 0].astype(bool) & whole)
     rough = np.asarray(rough[index], np.float32) - np.array([MARGIN, 0.0], np.float32)
     at, left = _aligned(patches, index, now, rough)
-    again = np.flatnonzero(np.maximum(*np.abs(at - rough).T) > SETTLED)
+    # it errs by a tenth of its way; never again and always: docs/lab-notes/constants-2026-11-29.md
+    again = np.flatnonzero(np.maximum(*np.abs(at - rough).T) > 10.0 * FLOOR_PX)
     if again.size:
         finer, left[again] = _aligned(patches, index[again], now, at[again])
         at[again] = np.clip(finer, rough[again] - LONGEST_CORRECTION_PX, rough[again] + LONGEST_CORRECTION_PX)
