@@ -23,6 +23,8 @@ class ImageHistory:
         Stamp of the first, ns.
     recent : deque of (int, CompassStatus)
         Stamps (ns) and outcomes of the last `RECENT` images.
+    intervals_ns : deque of int
+        Between the last `RECENT` images with texture that are no copies, ns.
     repeated, backward : int
         Images whose stamp was that of the image before, or earlier.
     furthest_back_ns : int
@@ -41,6 +43,7 @@ class ImageHistory:
     images: int = 0
     first_ns: int = 0
     recent: deque[tuple[int, CompassStatus]] = field(default_factory=lambda: deque(maxlen=RECENT))
+    intervals_ns: deque[int] = field(default_factory=lambda: deque(maxlen=RECENT))
     repeated: int = 0
     backward: int = 0
     furthest_back_ns: int = 0
@@ -78,3 +81,11 @@ class ImageHistory:
     def share(self, status: CompassStatus) -> float:
         """Of the recent images, 0..1."""
         return sum(one is status for _, one in self.recent) / max(len(self.recent), 1)
+
+    def misses_images(self, gap_ns: int) -> bool:
+        """Whether images are missing in so long a time, ns: what the camera turned meanwhile is not known.
+
+        A slow camera leaves as long between all of its images, and has nothing better to compare them with.
+        """
+        usual_ns = sorted(self.intervals_ns)[(len(self.intervals_ns) - 1) // 2]
+        return round(gap_ns / max(usual_ns, 1)) > 1

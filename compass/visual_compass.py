@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections import Counter, deque
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -15,7 +15,7 @@ from compass.errors import VisualCompassError
 from compass.features.across_gap import is_confirmed
 from compass.features.long_baseline import Comparison, LongBaselines, View
 from compass.features.matching import match_landmarks
-from compass.history import RECENT, SECOND_NS, ImageHistory
+from compass.history import SECOND_NS, ImageHistory
 from compass.images.decode import Image
 from compass.images.full_circle import CircleCheck
 from compass.images.mask import load_mask
@@ -101,7 +101,6 @@ class VisualCompass:
         self._newest: Strip | None = None  # the last image whatever came of it
         self._order = StampOrder()
         self._still_since_ns = 0  # when the last image was first taken, if the camera repeats it
-        self._intervals_ns: deque[int] = deque(maxlen=RECENT)  # between images with texture that are no copies
         self._unmatched_since_ns: int | None = None
         self._sought_ns = 0  # when the last view was last sought by its corners
         self._baselines = LongBaselines()
@@ -167,7 +166,8 @@ class VisualCompass:
             self._keyframe = self._last_view(self._last)
             match = self._compare(self._keyframe, strip)
         self.status = self._judge_match(match)
-        if self.status is not CompassStatus.OK or self._missed_images(self._last, strip):
+        gap_ns = strip.t_ns - self._last.t_ns
+        if self.status is not CompassStatus.OK or (gap_ns > SEEK_NS and self.history.misses_images(gap_ns)):
             across = self._across_gap(self._last, self._keyframe, strip, match)
             if across is None:
                 self._give_up_keyframe(strip)
@@ -227,7 +227,7 @@ class VisualCompass:
             self._start_from(strip)
             return CompassStatus.FIRST_FRAME
         if strip.contrast != newest.contrast or not np.array_equal(strip.pixels, newest.pixels):
-            self._intervals_ns.append(strip.t_ns - self._still_since_ns)
+            self.history.intervals_ns.append(strip.t_ns - self._still_since_ns)
             self._still_since_ns = strip.t_ns
         elif strip.t_ns - self._still_since_ns > FROZEN_NS:
             return CompassStatus.FROZEN
@@ -245,15 +245,6 @@ class VisualCompass:
         self._unmatched_since_ns, self._sought_ns = None, strip.t_ns
         self._keyframe = self._last_view(self._last) if self._last is not None else None
         self._baselines.start_from(self._keyframe, strip.t_ns)
-
-    def _missed_images(self, last: Strip, strip: Strip) -> bool:
-        """Whether images are missing since the last good one: what the camera turned meanwhile is not known.
-
-        A slow camera leaves as long between all of its images, and has nothing better to compare them with.
-        """
-        usual_ns = sorted(self._intervals_ns)[(len(self._intervals_ns) - 1) // 2]
-        gap_ns = strip.t_ns - last.t_ns
-        return gap_ns > SEEK_NS and round(gap_ns / max(usual_ns, 1)) > 1
 
     def _across_gap(self, last: Strip, keyframe: View, strip: Strip, match: Match) -> Match | None:
         """The turn since the last good image where the keyframe's match alone does not tell it; sets the status.

@@ -215,8 +215,8 @@ MUTANTS = (
     Mutant(
         "match-across-a-gap-is-not-confirmed",
         "compass/visual_compass.py",
-        "or self._missed_images(self._last, strip)",
-        "or False",
+        "and self.history.misses_images(gap_ns)",
+        "and False",
         _tests("test_compass_repeating::test_another_bay_of_a_grid_of_pillars_is_not_taken_for_the_last_view"),
     ),
     Mutant(
