@@ -96,9 +96,12 @@ def grid_of_pillars(seed):
     return World(tuple(b.solids), Ground(plain, PITCH), Ground(plain + 60.0, PITCH), height)
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", [1, 5, 23])
 def test_another_bay_of_a_grid_of_pillars_is_not_taken_for_the_last_view(seed):
-    """The robot turns by 90 deg in the dark, and stands in a bay as it stood in another one before."""
+    """The robot turns by 90 deg in the dark, and stands in a bay as it stood in another one before.
+
+    With the last two seeds nothing but look-alikes within a view tells.
+    """
     world, camera = grid_of_pillars(seed), PanoramaCamera()
     x, y = np.random.default_rng(seed).uniform(0.35, 0.75, 2) * PITCH
     before = camera.render(world, CameraPose(x, y, 0.7, 0.0, 0.0, 0.0))
