@@ -181,8 +181,9 @@ class YawFilter:
         known = unconfirmed is not None and not unconfirmed.beginning
         if agreed and (known or sum(map(state.hears, Sensor)) > 1):
             unconfirmed = state.confirmed(self.config.initial_rate_sigma)
-            if isinstance(event, CompassEvent) and gate.report:  # it confirms to within its own error
-                doubt, error = before.unconfirmed_variance, gate.report.innovation_sigma**2
+            if isinstance(event, CompassEvent):  # it confirms to within its own error
+                doubt, rate = before.unconfirmed_variance, float(state.x[State.RATE])
+                error = event.sample.variance + state.jitter.variance * rate**2
                 unconfirmed = replace(unconfirmed, left=doubt * error / (doubt + error))
         elif unconfirmed is not None and unconfirmed.is_alone(event.t_ns) and sum(map(state.hears, Sensor)) < 2:
             unconfirmed = None
