@@ -116,6 +116,8 @@ class Alternative:
         Bias with which its claims count if it is the gyro, rad/s.
     third : Third
         What a third sensor says.
+    change : float
+        By how much the turn rate has changed over the windows in the offset, rad/s.
     until_ns : int or None
         End of the last window that is in the offset.
     rate : float
@@ -140,6 +142,7 @@ class Alternative:
     recovery: Recovery | None = None
     most: float = 0.0
     driven: bool = True
+    change: float = 0.0
 
     def variance(self, t_ns: int) -> float:
         """What it adds at a time, ns, to that of the yaw, rad^2."""
@@ -153,7 +156,8 @@ class Alternative:
         """With a window in which the sensor claims a `turn`, rad, beyond the filter's."""
         offset = self.offset + turn
         most = max(self.most, abs(offset))
-        return replace(self, offset=offset, most=most, until_ns=window.t_ns, rate=turn / window.seconds)
+        change, rate = self.change + window.rate_change, turn / window.seconds
+        return replace(self, offset=offset, most=most, until_ns=window.t_ns, rate=rate, change=change)
 
     @property
     def against(self) -> Sensor:

@@ -6,7 +6,7 @@ import math
 from dataclasses import replace
 
 from fusion.buffer.events import Sensor
-from fusion.checks.alternative import Alternative
+from fusion.checks.alternative import ALTERNATIVE_PROBABILITY, Alternative
 from fusion.checks.contradiction import AGREEMENT_SIGMAS, CONTRADICTION_SIGMAS, contradict
 from fusion.checks.exclusion import Exclusion
 from fusion.checks.gyro_faults import TURNED, rebias, surely_gyro
@@ -15,7 +15,10 @@ from fusion.checks.recovery import Recovery
 from fusion.checks.stillness import CREEP_RATE
 from fusion.checks.windows import Claim, Window
 
-# Not derived: `SUSTAINED`.
+# Not derived: `TIMED`, `UNTIMED`, `LONGEST_DELAY`, `SUSTAINED`.
+TIMED = 0.95  # of squared contradictions, explained by a time offset
+UNTIMED = 0.5  # of the largest contradiction of a window may be left of them all together
+LONGEST_DELAY = 0.3  # s; no camera's driver takes longer than that longer than before
 SUSTAINED = 1.5  # of the last window's contradiction that they must sum up to, not to be one wrong match
 
 
@@ -137,6 +140,11 @@ def _errs_still(iso: Isolation, one: Exclusion, claim: Claim, reference: Claim, 
         if alternative and alternative.third.side is None and not surely_gyro(window, reference.turn):
             return as_it_was(iso, alternative, window, bias)
         return iso, replace(rebias(claim, reference, window, bias), rate=None)
+    if alternative and one.sensor is Sensor.COMPASS and alternative.third.side is not True:
+        delay, left = _delay(iso, alternative)
+        if delay is not None:
+            iso = iso.trusting(Sensor.COMPASS).without_alternative(Sensor.COMPASS)
+            return iso, Remedy(delay=delay, fold=ALTERNATIVE_PROBABILITY[Sensor.COMPASS] * left**2)
     sustained = alternative is not None and not alternative.no_bias and abs(alternative.offset) > SUSTAINED * abs(off)
     if one.sensor is Sensor.COMPASS and alternative and window.gyro and sustained:
         # no single wrong match: a gyro's bias steps more often than a camera is misled for so long
@@ -180,6 +188,24 @@ def as_it_was(iso: Isolation, alternative: Alternative, window: Window, bias: fl
     )
     rebias = Remedy(bias=alternative.bias, bias_sigma=gyro.noise / window.seconds, rate=before.turn / window.seconds)
     return iso, Remedy.of((Remedy(alternative.offset, before.sigma**2), rebias))
+
+
+def _delay(iso: Isolation, alternative: Alternative) -> tuple[float | None, float]:
+    """How much later the images are stamped than thought, s, if that explains all that they contradict the gyro by.
+
+    And what it leaves of all that they turned less, rad: a bias of the gyro, which few windows hide, adds up.
+    """
+    windows = [one for one in iso.evidence if one.t_ns > alternative.since_ns]
+    off = [one.compass.turn - one.gyro.turn for one in windows if one.compass and one.gyro]
+    change = [one.rate_change for one in windows if one.compass and one.gyro]
+    by_change = sum(a * b for a, b in zip(off, change, strict=True))
+    squares, total = sum(b * b for b in change), sum(a * a for a in off)
+    if len(off) < 2 or squares == 0.0 or by_change**2 < TIMED * squares * total:
+        return None, 0.0
+    delay = -by_change / squares
+    left = alternative.offset + delay * alternative.change
+    believed = abs(delay) < LONGEST_DELAY and abs(left) <= UNTIMED * max(map(abs, off))
+    return (delay if believed else None), left
 
 
 def _trust_again(iso: Isolation, sensor: Sensor) -> Judged:

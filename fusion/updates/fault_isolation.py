@@ -105,7 +105,9 @@ class FaultIsolation:
         ekf.widen(State.CAMERA_DELAY, remedy.delay**2)
         known = state.turns.earlier
         # a gyro that was wrong has brought what the compass saw from exposure to stamp wrongly, too
-        late = (abs(known.delay) + known.delay_sigma) * _gyro_off(state, remedy, window)
+        delay, variance = float(x[State.CAMERA_DELAY]), float(ekf.P[State.CAMERA_DELAY, State.CAMERA_DELAY])
+        longest = max(abs(known.delay) + known.delay_sigma, abs(delay) + math.sqrt(max(variance, 0.0)))
+        late = longest * _gyro_off(state, remedy, window)
         ekf.widen(State.YAW, remedy.shift_variance + late**2)
         if remedy.shift:  # what was learnt meanwhile of the others was learnt from what is taken back
             agreed = state.unconfirmed.since if state.unconfirmed else None
@@ -203,7 +205,7 @@ def _gyro_off(state: FilterState, remedy: Remedy, window: Window) -> float:
     """By how much a gyro that is found to err was off as a window ended, rad/s; 0 where another errs."""
     bias, gyro = state.turns.start.bias, state.turns.gyro
     known = 0.0 if remedy.bias is None else remedy.bias - bias
-    if gyro is None or window.compass is None or not state.isolation.excludes(Sensor.GYRO):
+    if gyro is None or window.compass is None or Sensor.GYRO not in state.isolation.contradicting:
         return known
     return max(known, gyro.rate - bias - window.compass.turn / window.seconds, key=abs)
 

@@ -11,7 +11,7 @@ import numpy as np
 from compass.tilt import beyond_error
 from fusion.buffer.events import GyroEvent, Sensor
 from fusion.checks.gate import Gate, Verdict
-from fusion.checks.silence import RATE_SILENT_NS
+from fusion.checks.silence import RATE_SILENT_NS, SILENT_NS
 from fusion.checks.windows import FASTEST_CHANGE, FASTEST_ROBOT, SAME
 from fusion.config import FusionConfig
 from fusion.imu.tilt import TILT_ERROR, BiasGain
@@ -117,8 +117,12 @@ class GyroUpdate:
             ekf.widen(State.GYRO_SCALE, factor_sigma**2 - before**2)
 
     def _hangs_alone(self, state: FilterState, sample: GyroSample) -> bool:
-        """Whether a gyro hangs while nobody else measures the turn: then it counts as one that is silent."""
-        alone = not (state.hears(Sensor.TRACKS) or state.hears(Sensor.COMPASS))
+        """Whether a gyro hangs while nobody else measures the turn: then it counts as one that is silent.
+
+        Who is refused may be so because of it, and is no nobody.
+        """
+        reports = [gate.report for sensor, gate in state.gates.items() if sensor is not Sensor.GYRO]
+        alone = all(one is None or sample.t_ns - one.t_ns > SILENT_NS for one in reports)
         if not (alone and state.gyro_noise.hung(float(state.x[State.BIAS]), self._config.gyro_sigma)):
             state.hung_since_ns = None
         elif state.hung_since_ns is None:
