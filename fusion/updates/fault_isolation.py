@@ -20,6 +20,7 @@ from fusion.config import FusionConfig
 from fusion.state.ekf import Measurement, State
 from fusion.state.filter_state import FilterState
 from fusion.state.gyro_trail import Exposure, GyroTrail
+from fusion.updates.image_timing import exposure_of
 
 JUMPED_BIAS = 0.01  # rad/s; one that has jumped is no longer as its driver had calibrated it; not derived
 
@@ -86,6 +87,7 @@ class FaultIsolation:
     def _apply(self, state: FilterState, remedy: Remedy, window: Window) -> bool:
         """Do what has to be done after a window; whether the yaw was moved."""
         ekf, config = state.ekf, self._config
+        late, variance = _lateness(state, remedy, window)
         if remedy.bias is not None:
             ekf.renew(State.BIAS, min(remedy.bias_sigma, JUMPED_BIAS) ** 2, remedy.bias)
             if math.isfinite(remedy.bias_sigma):  # else it may as well be the scale that is another
@@ -104,11 +106,8 @@ class FaultIsolation:
         ekf.x = x
         ekf.widen(State.CAMERA_DELAY, remedy.delay**2)
         known = state.turns.earlier
-        # a gyro that was wrong has brought what the compass saw from exposure to stamp wrongly, too
-        delay, variance = float(x[State.CAMERA_DELAY]), float(ekf.P[State.CAMERA_DELAY, State.CAMERA_DELAY])
-        longest = max(abs(known.delay) + known.delay_sigma, abs(delay) + math.sqrt(max(variance, 0.0)))
-        late = longest * _gyro_off(state, remedy, window)
-        ekf.widen(State.YAW, remedy.shift_variance + late**2)
+        ekf.x[State.YAW] -= late
+        ekf.widen(State.YAW, remedy.shift_variance + variance)
         if remedy.shift:  # what was learnt meanwhile of the others was learnt from what is taken back
             agreed = state.unconfirmed.since if state.unconfirmed else None
             scale = agreed if agreed and agreed.t_ns < remedy.since_ns else known
@@ -201,13 +200,21 @@ class FaultIsolation:
         state.isolation = state.isolation.with_alternative(replace(alternative, offset=alternative.offset + offset))
 
 
-def _gyro_off(state: FilterState, remedy: Remedy, window: Window) -> float:
-    """By how much a gyro that is found to err was off as a window ended, rad/s; 0 where another errs."""
-    bias, gyro = state.turns.start.bias, state.turns.gyro
-    known = 0.0 if remedy.bias is None else remedy.bias - bias
-    if gyro is None or window.compass is None or Sensor.GYRO not in state.isolation.contradicting:
-        return known
-    return max(known, gyro.rate - bias - window.compass.turn / window.seconds, key=abs)
+def _lateness(state: FilterState, remedy: Remedy, window: Window) -> tuple[float, float]:
+    """What a gyro that was wrong has made of the turn from the last image's exposure to its stamp, rad, and rad^2.
+
+    The compass is followed instead, with a claim that holds this turn as the gyro told it.
+    """
+    known, compass, turned = state.turns.earlier, window.compass, state.isolation.turned
+    if compass is None or Sensor.GYRO not in state.isolation.contradicting:
+        off = 0.0 if remedy.bias is None else remedy.bias - state.turns.start.bias
+        return 0.0, ((abs(known.delay) + known.delay_sigma) * off) ** 2
+    told, rate = exposure_of(state), compass.turn / window.seconds
+    before = turned[-2].rate_of(Sensor.COMPASS) if len(turned) > 1 else None
+    change = rate if before is None else rate - before
+    variance = float(state.P[State.CAMERA_DELAY, State.CAMERA_DELAY]) * rate**2 + (told.delay * change) ** 2
+    variance += ((told.delay - known.delay) * (told.rate - rate)) ** 2  # it has misled the delay, too
+    return told.turn - rate * told.delay, variance
 
 
 def _doubt_since_rest(state: FilterState, window: Window, known: frozenset[Sensor]) -> None:
