@@ -180,11 +180,11 @@ class YawFilter:
                 agreed = unconfirmed.agrees(state.belief) or not witness
         known = unconfirmed is not None and not unconfirmed.beginning
         if agreed and (known or sum(map(state.hears, Sensor)) > 1):
-            unconfirmed = state.confirmed(self.config.initial_rate_sigma)
+            doubt, error = before.unconfirmed_variance, 0.0
             if isinstance(event, CompassEvent):  # it confirms to within its own error
-                doubt, rate = before.unconfirmed_variance, float(state.x[State.RATE])
-                error = event.sample.variance + state.jitter.variance * rate**2
-                unconfirmed = replace(unconfirmed, left=doubt * error / (doubt + error))
+                error = event.sample.variance + state.jitter.variance * float(state.x[State.RATE]) ** 2
+            left = doubt * error / (doubt + error) if error > 0.0 else 0.0
+            unconfirmed = replace(state.confirmed(self.config.initial_rate_sigma), left=left)
         elif unconfirmed is not None and unconfirmed.is_alone(event.t_ns) and sum(map(state.hears, Sensor)) < 2:
             unconfirmed = None
         elif unconfirmed is not None and isinstance(event, TracksEvent):

@@ -53,7 +53,7 @@ def test_images_that_confirm_and_tracks_that_agree_add_next_to_nothing():
     later = t > 10.0  # the tracks' scale is known
     assert np.median(more[later]) < 0.1 * np.median(sigma[later] ** 2)
     images = np.isin(np.round(t, 3), [round(s.t_ns * 1e-9, 3) for s in samples if isinstance(s, YawIncrement)])
-    assert np.abs(more[images & later]).max() < 1e-3
+    assert (np.abs(more) < 0.2 * sigma**2)[images & later].all()  # what an image cannot confirm, by its own error
 
 
 def test_lone_gyro_is_not_contradicted_once_nobody_else_has_spoken_for_a_second():
@@ -84,7 +84,7 @@ def test_gyro_is_alone_once_the_camera_has_stopped():
     kept = [s for s in samples if not (isinstance(s, YawIncrement) and s.t_ns > 20.5e9)]
     t, _, _, more = seen(kept, ride)
     assert more[t < 20.5].max() > 1.0  # a turn that no image shows yet
-    assert np.abs(more[t > 24.0]).max() < 1e-9
+    assert np.abs(more[t > 24.0]).max() < 0.01  # what the last image could not confirm
 
 
 def test_gyro_and_tracks_that_contradict_stay_in_doubt_while_the_robot_stands():
