@@ -130,3 +130,16 @@ def fuse(drive, config=None):
             due_ns = sample.t_ns + 100_000_000
             errors.append(drive.error(fusion.estimate()))
     return fusion, np.array(errors)
+
+
+def ratios_at_images(fusion, drive):
+    """Error over sigma (0.02 deg at least) at each image, and the (code, sensor) of all warnings."""
+    ratios, told = [], set()
+    for sample in drive.samples:
+        fusion.add(sample)
+        if isinstance(sample, YawIncrement):
+            estimate = fusion.estimate()
+            sigma = max(math.sqrt(estimate.yaw_variance), math.radians(0.02))
+            ratios.append(abs(drive.error(estimate)) / sigma)
+            told |= {(one.code, one.sensor) for one in estimate.warnings}
+    return np.array(ratios), told

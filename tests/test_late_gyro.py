@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from robot_drive import Eyes, fuse, robot_drive
+from robot_drive import Eyes, fuse, ratios_at_images, robot_drive
 
 from compass import YawIncrement
 from fusion import FusionConfig, GyroSample, YawFusion
@@ -40,22 +40,9 @@ def queued(count, apart_ns):
     return change
 
 
-def beyond(drive):
-    """Errors over sigma, each tenth of a second, and the codes that were given."""
-    fusion, ratios, codes = YawFusion(), [], set()
-    for sample in drive.samples:
-        fusion.add(sample)
-        if isinstance(sample, YawIncrement):
-            estimate = fusion.estimate()
-            sigma = max(math.sqrt(estimate.yaw_variance), math.radians(0.02))
-            ratios.append(abs(drive.error(estimate)) / sigma)
-            codes |= {(one.code, one.sensor) for one in estimate.warnings}
-    return np.array(ratios), codes
-
-
 @pytest.mark.parametrize("time", [0.05, 0.1, 0.2])
 def test_yaw_of_a_low_passed_gyro_beside_images_owns_up_to_its_lag(time):
-    ratios, codes = beyond(gyros_and_images(low_passed(time)))
+    ratios, codes = ratios_at_images(YawFusion(), gyros_and_images(low_passed(time)))
     assert np.sum(ratios > 4.0) <= 5  # half a second in all, until it has shown
     assert (("sensors_disagree_time", "compass+gyro") in codes) == (time > 2.0 * FusionConfig().camera_delay_sigma)
 
@@ -63,7 +50,7 @@ def test_yaw_of_a_low_passed_gyro_beside_images_owns_up_to_its_lag(time):
 @pytest.mark.parametrize(("count", "apart_ns"), [(10, 1000), (10, 100_000), (5, 1000)])
 def test_gyro_samples_stamped_next_to_each_other_make_no_turn(count, apart_ns):
     drive = gyros_and_images(queued(count, apart_ns))
-    ratios, _ = beyond(drive)
+    ratios, _ = ratios_at_images(YawFusion(), drive)
     assert np.sum(ratios > 4.0) <= 5
     _, errors = fuse(drive)
     assert np.abs(errors).max() < math.radians(60.0)
@@ -71,7 +58,7 @@ def test_gyro_samples_stamped_next_to_each_other_make_no_turn(count, apart_ns):
 
 
 def test_images_in_time_widen_nothing():
-    ratios, codes = beyond(gyros_and_images(lambda gyro: gyro))
+    ratios, codes = ratios_at_images(YawFusion(), gyros_and_images(lambda gyro: gyro))
     assert ratios.max() < 4.0
     assert not codes
 

@@ -71,12 +71,9 @@ def _other_bias_at_rest(alternative: Alternative, window: Window, bias: float) -
     Tracks have to say that it stands: to images that do not turn with the robot, one that turns evenly does, too.
     """
     noise = CONTRADICTION_SIGMAS * window.bias_sigma
-    return (
-        window.stood
-        and window.tracks is not None
-        and alternative.driven
-        and abs(alternative.bias - bias) > max(noise, CREEP_RATE)
-    )
+    if not (window.stood and window.tracks and alternative.driven):
+        return False
+    return abs(alternative.bias - bias) > max(noise, CREEP_RATE)
 
 
 def _follow(iso: Isolation, alternative: Alternative, window: Window) -> Judged:
@@ -141,10 +138,9 @@ def _errs_still(iso: Isolation, one: Exclusion, claim: Claim, reference: Claim, 
             return as_it_was(iso, alternative, window, bias)
         return iso, replace(rebias(claim, reference, window, bias), rate=None)
     if alternative and one.sensor is Sensor.COMPASS and alternative.third.side is not True:
-        delay, left = _delay(iso, alternative)
-        if delay is not None:
-            iso = iso.trusting(Sensor.COMPASS).without_alternative(Sensor.COMPASS)
-            return iso, Remedy(delay=delay, fold=ALTERNATIVE_PROBABILITY[Sensor.COMPASS] * left**2)
+        delayed = _delay(iso, alternative)
+        if delayed is not None:
+            return iso.trusting(Sensor.COMPASS).without_alternative(Sensor.COMPASS), delayed
     sustained = alternative is not None and not alternative.no_bias and abs(alternative.offset) > SUSTAINED * abs(off)
     if one.sensor is Sensor.COMPASS and alternative and window.gyro and sustained:
         # no single wrong match: a gyro's bias steps more often than a camera is misled for so long
@@ -190,10 +186,10 @@ def as_it_was(iso: Isolation, alternative: Alternative, window: Window, bias: fl
     return iso, Remedy.of((Remedy(alternative.offset, before.sigma**2), rebias))
 
 
-def _delay(iso: Isolation, alternative: Alternative) -> tuple[float | None, float]:
-    """How much later the images are stamped than thought, s, if that explains all that they contradict the gyro by.
+def _delay(iso: Isolation, alternative: Alternative) -> Remedy | None:
+    """Images are stamped later than thought, if that explains all that they contradict the gyro by.
 
-    And what it leaves of all that they turned less, rad: a bias of the gyro, which few windows hide, adds up.
+    Window by window and in all: a bias of the gyro hides in a few windows, but adds up.
     """
     windows = [one for one in iso.evidence if one.t_ns > alternative.since_ns]
     off = [one.compass.turn - one.gyro.turn for one in windows if one.compass and one.gyro]
@@ -201,11 +197,12 @@ def _delay(iso: Isolation, alternative: Alternative) -> tuple[float | None, floa
     by_change = sum(a * b for a, b in zip(off, change, strict=True))
     squares, total = sum(b * b for b in change), sum(a * a for a in off)
     if len(off) < 2 or squares == 0.0 or by_change**2 < TIMED * squares * total:
-        return None, 0.0
+        return None
     delay = -by_change / squares
     left = alternative.offset + delay * alternative.change
-    believed = abs(delay) < LONGEST_DELAY and abs(left) <= UNTIMED * max(map(abs, off))
-    return (delay if believed else None), left
+    if abs(delay) >= LONGEST_DELAY or abs(left) > UNTIMED * max(map(abs, off)):
+        return None
+    return Remedy(delay=delay, fold=ALTERNATIVE_PROBABILITY[Sensor.COMPASS] * left**2)
 
 
 def _trust_again(iso: Isolation, sensor: Sensor) -> Judged:

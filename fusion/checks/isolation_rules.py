@@ -161,8 +161,8 @@ def _steady_at_rest(iso: Isolation, window: Window, bias: float) -> Window | Non
     turn = (sum(rates) / len(rates) - bias) * seconds
     gyro = Claim(turn, math.hypot(noise * math.sqrt(len(rates)), window.bias_sigma * seconds), window.gyro.scale)
     tracks = Claim(0.0, CREEP_RATE * seconds, rests=True)
-    joined = {"start_ns": start_ns, "followed": turn, "corrected": 0.0, "rate_change": 0.0}
-    return replace(window, gyro=gyro, tracks=tracks, **joined)  # type: ignore[arg-type]
+    run = replace(window, start_ns=start_ns, gyro=gyro, tracks=tracks)
+    return replace(run, followed=turn, corrected=0.0, rate_change=0.0)
 
 
 def _judge_trusted(iso: Isolation, window: Window, bias: float) -> Judged:
