@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import signal
+import sys
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
@@ -17,6 +18,7 @@ from multiprocessing.connection import Connection, wait
 
 from fusion.offline.bag_task import FAILED, BagOutcome, BagTask, run_task
 from fusion.offline.compass_process import ONE_THREAD, ended
+from fusion.offline.interruption import Interrupted, interruptible
 
 Part = Callable[[BagTask, float], None]  # takes the finished part of a task, 0..1
 
@@ -101,7 +103,6 @@ class _Worker:
 
 def _serve(connection: Connection) -> None:
     """In the child: take tasks until there are no more, or a signal unwinds all."""
-    signal.signal(signal.SIGTERM, _leave)
     shown_at = 0.0
 
     def progress(part: float) -> None:
@@ -110,10 +111,9 @@ def _serve(connection: Connection) -> None:
             shown_at = time.monotonic()
             connection.send(part)  # fails where the parent has gone: then this run ends, too
 
-    with suppress(EOFError, BrokenPipeError):
-        while True:
-            connection.send(run_task(connection.recv(), progress))
-
-
-def _leave(_number: int, _frame: object) -> None:
-    raise SystemExit(1)
+    try:
+        with interruptible(), suppress(EOFError, BrokenPipeError):
+            while True:
+                connection.send(run_task(connection.recv(), progress))
+    except Interrupted:
+        sys.exit(1)
