@@ -200,3 +200,13 @@ def test_bias_that_steps_beside_tracks_is_learnt_once_they_rest(step, since):
     estimate = fusion.estimate()
     assert estimate.gyro_bias == pytest.approx(0.003 + step, abs=0.002)
     assert abs(drive.error(estimate)) < 3.0 * math.sqrt(estimate.yaw_variance)
+
+
+def test_bias_that_steps_at_the_end_of_a_turn_is_no_delay_of_the_camera():
+    """In both windows the turn rate grew alike: one bias explains the contradiction as well as one delay does."""
+    drive = robot_drive(1147, seconds=35.0, camera_delay=0.03)
+    drive = drive.changed(lambda s: replace(s, yaw_rate=s.yaw_rate - 0.0326), GyroSample, 25.72)
+    t, error, sigma, told = run(drive)
+    late = t > 25.72
+    assert np.max(np.abs(error[late]) / np.maximum(sigma[late], FLOOR)) < 3.0
+    assert "sensors_disagree_bias:gyro" in told

@@ -198,6 +198,8 @@ def _delay(iso: Isolation, alternative: Alternative) -> Remedy | None:
     squares, total = sum(b * b for b in change), sum(a * a for a in off)
     if len(off) < 2 or squares == 0.0 or by_change**2 < TIMED * squares * total:
         return None
+    if sum(off) ** 2 > UNTIMED * len(off) * total:  # one bias of the gyro explains as much
+        return None
     delay = -by_change / squares
     left = alternative.offset + delay * alternative.change
     if abs(delay) >= LONGEST_DELAY or abs(left) > UNTIMED * max(map(abs, off)):
