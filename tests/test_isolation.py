@@ -34,10 +34,10 @@ def window(
 
 
 class Robot:
-    """Follows what is judged: the yaw it has turned by, deg, and the gyro's bias, deg/s."""
+    """Follows what is judged: the yaw it has turned by, deg, the gyro's bias and the turn rate it is given, deg/s."""
 
     def __init__(self):
-        self.iso, self.yaw, self.bias, self.index = Isolation(), 0.0, 0.0, 0
+        self.iso, self.yaw, self.bias, self.rate, self.index = Isolation(), 0.0, 0.0, None, 0
 
     def see(self, gyro=None, tracks=None, compass=None, **kind):
         """One window; `gyro` with its true bias of none."""
@@ -51,6 +51,8 @@ class Robot:
         self.yaw += math.degrees(remedy.shift)
         if remedy.bias is not None:
             self.bias = math.degrees(remedy.bias)
+        if remedy.rate is not None:
+            self.rate = math.degrees(remedy.rate)
 
 
 def test_images_that_do_not_turn_are_left_out_though_first_a_bias_explained_them():
@@ -84,6 +86,15 @@ def test_small_step_of_the_bias_shows_in_several_windows():
     assert alternative is not None
     assert math.degrees(alternative.offset) > 0.5
     assert robot.yaw == pytest.approx(1.5 + 3 * 0.3)  # what the windows until then had added is taken back
+
+
+def test_windows_of_a_turn_that_is_over_give_a_robot_that_stands_no_turn_rate():
+    robot = Robot()
+    for turn in (15.0, 15.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0):
+        robot.see(gyro=turn + 0.08, compass=turn)
+        if robot.rate is not None:
+            break
+    assert robot.rate == pytest.approx(0.0, abs=0.1)
 
 
 @pytest.mark.parametrize(("scale", "steps"), [(0.008, False), (0.001, True)])

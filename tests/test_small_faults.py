@@ -210,3 +210,16 @@ def test_bias_that_steps_at_the_end_of_a_turn_is_no_delay_of_the_camera():
     late = t > 25.72
     assert np.max(np.abs(error[late]) / np.maximum(sigma[late], FLOOR)) < 3.0
     assert "sensors_disagree_bias:gyro" in told
+
+
+@pytest.mark.parametrize(("seed", "begins"), [(6894, 14.1), (2, 10.0)])
+def test_bias_in_a_turn_is_no_jitter_of_the_images(seed, begins):
+    """What images say in a turn of a gyro's bias keeps its sign; what they say by jitter does not."""
+    drive = robot_drive(seed, seconds=begins + 15.0, gyro_hz=100, track_hz=50)
+    drive = drive.changed(lambda s: replace(s, yaw_rate=s.yaw_rate + 0.0037), GyroSample, begins)
+    fusion, most = YawFusion(), 0.0
+    for sample in drive.samples:
+        fusion.add(sample)
+        if sample.t_ns * 1e-9 > begins + 3.0:
+            most = max(most, math.sqrt(fusion.state.jitter.variance))
+    assert most < 2e-3

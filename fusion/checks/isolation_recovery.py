@@ -139,6 +139,8 @@ def _errs_still(iso: Isolation, one: Exclusion, claim: Claim, reference: Claim, 
         return iso, replace(rebias(claim, reference, window, bias), rate=None)
     if alternative and one.sensor is Sensor.COMPASS and alternative.third.side is not True:
         delayed = _delay(iso, alternative)
+        if delayed is not None and _one_sided(iso, alternative):
+            return iso, Remedy()  # one bias of the gyro explains as much, until the turn rate changes otherwise
         if delayed is not None:
             return iso.trusting(Sensor.COMPASS).without_alternative(Sensor.COMPASS), delayed
     sustained = alternative is not None and not alternative.no_bias and abs(alternative.offset) > SUSTAINED * abs(off)
@@ -191,20 +193,29 @@ def _delay(iso: Isolation, alternative: Alternative) -> Remedy | None:
 
     Window by window and in all: a bias of the gyro hides in a few windows, but adds up.
     """
-    windows = [one for one in iso.evidence if one.t_ns > alternative.since_ns]
-    off = [one.compass.turn - one.gyro.turn for one in windows if one.compass and one.gyro]
-    change = [one.rate_change for one in windows if one.compass and one.gyro]
+    off, change = _contradictions(iso, alternative)
     by_change = sum(a * b for a, b in zip(off, change, strict=True))
     squares, total = sum(b * b for b in change), sum(a * a for a in off)
     if len(off) < 2 or squares == 0.0 or by_change**2 < TIMED * squares * total:
-        return None
-    if sum(off) ** 2 > UNTIMED * len(off) * total:  # one bias of the gyro explains as much
         return None
     delay = -by_change / squares
     left = alternative.offset + delay * alternative.change
     if abs(delay) >= LONGEST_DELAY or abs(left) > UNTIMED * max(map(abs, off)):
         return None
     return Remedy(delay=delay, fold=ALTERNATIVE_PROBABILITY[Sensor.COMPASS] * left**2)
+
+
+def _contradictions(iso: Isolation, alternative: Alternative) -> tuple[list[float], list[float]]:
+    """By how much gyro and compass differ in each window since, rad, and how the turn rate changed in it, rad/s."""
+    windows = [one for one in iso.evidence if one.t_ns > alternative.since_ns and one.compass and one.gyro]
+    off = [one.compass.turn - one.gyro.turn for one in windows if one.compass and one.gyro]
+    return off, [one.rate_change for one in windows]
+
+
+def _one_sided(iso: Isolation, alternative: Alternative) -> bool:
+    """Whether gyro and compass differ alike in all windows since."""
+    off, _ = _contradictions(iso, alternative)
+    return sum(off) ** 2 > UNTIMED * len(off) * sum(one * one for one in off)
 
 
 def _trust_again(iso: Isolation, sensor: Sensor) -> Judged:

@@ -88,6 +88,9 @@ def _judge_long(iso: Isolation, window: Window, bias: float) -> Judged:
         alone = replace(iso, last=None)
         steps = _gyro_steps(alone, long, bias) or _gyro_against_rest(alone, long, bias)
         iso, remedy = steps or _judge_trusted(alone, long, bias)
+        latest = iso.reference(Sensor.GYRO, window)
+        if remedy.rate is not None and latest:  # in so long a window the rate may have changed
+            remedy = replace(remedy, rate=latest.turn / window.seconds)
     if remedy.shift or iso.exclusions or iso.alternatives:
         return replace(iso, last=None, long=None), remedy
     return replace(iso, last=window, long=long if long.seconds < LONG else None), remedy

@@ -110,9 +110,11 @@ class CompassUpdate:
         known_ns = before.gates[Sensor.COMPASS].accepted_ns
         if verdict is Verdict.ACCEPTED and state.paused_ns > (known_ns or event.sample.t_ref_ns):
             state.turn_count = state.turn_count.after(event.t_ns, measurement.innovation, expected.S)
-        drifts = before.gates[Sensor.COMPASS].refused_like(measurement.innovation)  # that is no jitter: it is white
-        if known and not state.isolation.exclusions and not increment.long_baseline and not moved and not drifts:
-            state.jitter = state.jitter.after(measurement.innovation, others, rate)
+        if known and not state.isolation.exclusions and not increment.long_baseline and not moved:
+            last = before.gates[Sensor.COMPASS].report
+            # what stays from image to image is no jitter: a delay, or a bias of the gyro
+            stray = (measurement.innovation - last.innovation) / math.sqrt(2.0) if last else measurement.innovation
+            state.jitter = state.jitter.after(stray, others, rate)
         if verdict is None or excluded:
             ekf.anchor(since, measurement)
             state.clones = state.clones.placed(slot, event.t_ns)
