@@ -24,6 +24,7 @@ from torture.verdict import DRIVES, Result, try_on, try_row
 # error^2 / variance at the end is 1.1 (slow camera) and 0.9 (stop and go).
 SEEDS = dict(zip(DRIVES, (1, 1, 2), strict=True))
 CONTROL_SEEDS = 2, 3, 4
+DRAWN = 200
 PAGE = Path(__file__).parents[2] / "docs" / "faults.md"
 
 
@@ -61,9 +62,7 @@ def main() -> int:
     parser.add_argument("--only", default="", help="only lines that contain this text: 'GT G deg/s'")
     parser.add_argument("--drive", choices=DRIVES, action="append", help="only this drive")
     parser.add_argument("--others", type=int, default=0, help="add to all seeds: drives on which nothing was mended")
-    parser.add_argument(
-        "--drawn", type=int, default=200, help="faults of random size on random drives, after the table"
-    )
+    parser.add_argument("--drawn", type=int, help=f"faults of random size after the table  [of all of it: {DRAWN}]")
     parser.add_argument("--first-drawn", type=int, default=0, help="their first seed")
     parser.add_argument("--jobs", type=int, default=os.cpu_count())
     parser.add_argument("--out", type=Path, default=PAGE)
@@ -71,7 +70,7 @@ def main() -> int:
     began, rows = time.monotonic(), all_rows()
     with ProcessPoolExecutor(args.jobs) as pool:
         results = list(pool.map(run_job, jobs(args.only, args.drive or DRIVES, args.others), chunksize=3))
-        count = args.drawn if args.drawn is not None else 0 if args.only or args.drive else 200
+        count = args.drawn if args.drawn is not None else 0 if args.only or args.drive else DRAWN
         seeds = range(args.first_drawn, args.first_drawn + count)
         at_random = list(pool.map(run_drawn, seeds, chunksize=3))
     for one in results:
