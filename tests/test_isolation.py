@@ -76,6 +76,16 @@ def test_bias_that_steps_is_found_and_the_images_are_followed():
     assert robot.bias == pytest.approx(10.0, abs=0.1)
 
 
+def test_bias_that_steps_within_a_window_counts_from_there():
+    """Half of it shows in the first window, too little to contradict; the images claim both."""
+    robot = Robot()
+    robot.see(gyro=5.0, compass=5.0)
+    robot.see(gyro=5.45, compass=5.0)
+    robot.see(gyro=5.9, compass=5.0)
+    claimed = robot.iso.alternative(Sensor.COMPASS)
+    assert math.degrees(claimed.offset) == pytest.approx(-0.45 - 0.9)
+
+
 def test_small_step_of_the_bias_shows_in_several_windows():
     """The images are followed, the bias is forgotten, and that there was no step stays possible."""
     robot = Robot()

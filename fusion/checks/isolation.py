@@ -153,10 +153,13 @@ class Isolation:
         claims = (self.trusted(other, window) for other in BEST_FIRST if other is not sensor)
         return next((claim for claim in claims if claim), None)
 
+    def joined(self, window: Window) -> tuple[Window, ...]:
+        """The last window, in which what shows in this one may have begun, and this one."""
+        return (self.last, window) if self.last and self.last.t_ns == window.start_ns else (window,)
+
     def following(self, sensor: Sensor, window: Window) -> Remedy:
         """Have the filter's yaw go on as a sensor says, in this window and in the last one."""
-        joined = [one for one in (self.last, window) if one and (one is window or one.t_ns == window.start_ns)]
-        claims = [(one, claim) for one in joined if (claim := one.claim(sensor))]
+        claims = [(one, claim) for one in self.joined(window) if (claim := one.claim(sensor))]
         if not claims:
             return Remedy()
         shift = claims[0][0].corrected + sum(claim.turn - one.followed for one, claim in claims)

@@ -217,7 +217,9 @@ def _gyro_against_compass(iso: Isolation, gyro: Claim, compass: Claim, window: W
         return iso, Remedy.of((iso.following(Sensor.COMPASS, window), rebias(gyro, compass, window, bias)))
     iso = iso.excluding(Sensor.COMPASS, window, gyro.turn, off)
     if side is None:
-        iso = iso.with_alternative(Alternative(Sensor.COMPASS, window.start_ns, 0.0, third=third).plus(-off, window))
+        before = [one.compass.turn - one.gyro.turn for one in iso.joined(window)[:-1] if one.compass and one.gyro]
+        claimed = Alternative(Sensor.COMPASS, window.start_ns, sum(before), third=third)
+        iso = iso.with_alternative(claimed.plus(-off, window))
     return iso, iso.following(Sensor.GYRO, window)
 
 
