@@ -9,6 +9,7 @@ import numpy as np
 
 from fusion.buffer.events import Sensor
 from fusion.checks.alternative import ALTERNATIVE_PROBABILITY
+from fusion.checks.common_source import CommonSource
 from fusion.checks.early_images import EarlyImages
 from fusion.checks.gate import Gate
 from fusion.checks.isolation import Isolation
@@ -58,6 +59,8 @@ class FilterState:
         When the robot was last found to stand, which showed the gyro's bias.
     turns : Turns
         What each sensor says of the present window.
+    common_source : CommonSource
+        Whether the odometry takes its turns from the gyro.
     isolation : Isolation
         Who contradicts and is excluded, and what the alternatives are.
     gyro_vague : bool
@@ -120,6 +123,7 @@ class FilterState:
     stillness: Stillness = field(default_factory=lambda: Stillness(0))
     rested_ns: int | None = None
     turns: Turns = field(default_factory=Turns)
+    common_source: CommonSource = field(default_factory=CommonSource)
     isolation: Isolation = field(default_factory=Isolation)
     gyro_vague: bool = False
     gyro_since_ns: int | None = None
@@ -228,8 +232,9 @@ class FilterState:
         if self.unconfirmed is None or (self.unconfirmed.beginning and not self.gates[Sensor.GYRO].report):
             return 0.0
         slipped, unconfirmed = ALTERNATIVE_PROBABILITY[Sensor.TRACKS] * self.unconfirmed.by_tracks, self.unconfirmed
-        if not (self.believes(Sensor.GYRO) or self.believes(Sensor.TRACKS)):
-            unconfirmed = replace(unconfirmed, tracks=None)  # those that never spoke contradict nobody
+        gyro = self.believes(Sensor.GYRO)
+        if self.common_source.one is not False if gyro else not self.believes(Sensor.TRACKS):
+            unconfirmed = replace(unconfirmed, tracks=None)  # they confirm and contradict nobody
         variance = unconfirmed.variance(self.belief, images=self.only_tracks_watch) + self.against_tracks
         return variance + (slipped if self.hears(Sensor.COMPASS) else 0.0)
 
@@ -275,7 +280,7 @@ class FilterState:
         """What is wrong, the turns that nobody counted included, most serious first."""
         named = {warning.code for warning in self.warnings}
         more = [one for one in (*self.early_images.warnings(), *self._hung()) if one.code not in named]
-        others = (*self.scale_conflict.warnings(), *more, *self.turn_count.warnings())
+        others = (*self.scale_conflict.warnings(), *more, *self.turn_count.warnings(), *self.common_source.warnings())
         return tuple(most_serious_first((*self.warnings, *others)))
 
     def _hung(self) -> tuple[Warning, ...]:
@@ -297,7 +302,8 @@ class FilterState:
 
 def believed(state: FilterState) -> tuple[Array, Array]:
     """State and covariance with what gyro and tracks say by agreeing."""
-    if state.agreement is None or state.gates[Sensor.TRACKS].accepted_ns is None:
+    two = state.common_source.one is False and state.gates[Sensor.TRACKS].accepted_ns is not None
+    if state.agreement is None or not two:
         return state.x, state.P
     return state.agreement.mixed(state.x, state.P, (State.BIAS, State.VEER))
 
