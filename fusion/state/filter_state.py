@@ -204,8 +204,16 @@ class FilterState:
     def belief(self) -> Belief:
         """Of yaw, turn rate and tracks."""
         x = self.x if self.hears(Sensor.COMPASS) else believed(self)[0]
-        scale_sigma = math.sqrt(max(float(self.P[State.SCALE, State.SCALE]), 0.0))
-        return Belief(self.t_ns or 0, float(x[State.YAW]), float(x[State.RATE]), float(x[State.SCALE]), scale_sigma)
+        variance = max(float(self.P[State.SCALE, State.SCALE]), 0.0)
+        by_scale = float(self.P[State.YAW, State.SCALE]) / variance if variance > 0.0 else 0.0
+        return Belief(
+            self.t_ns or 0,
+            float(x[State.YAW]),
+            float(x[State.RATE]),
+            float(x[State.SCALE]),
+            math.sqrt(variance),
+            by_scale,
+        )
 
     def confirmed(self, rate_sigma: float) -> Unconfirmed:
         """Two sensors agree; `rate_sigma`: of a turn rate that nobody measures, rad/s."""
