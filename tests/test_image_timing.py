@@ -1,9 +1,11 @@
 """Between exposure and stamp of an image: the gyro's trail, and the delay that the filter learns by it."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from robot_drive import ratios_at_images, robot_drive
 
 from compass import YawIncrement, wrap_angle
 from fusion import FusionConfig, GyroSample, OdometrySample, Sensor, YawFusion
@@ -211,3 +213,18 @@ def test_stray_follows_the_innovations_whatever_was_known_beforehand(true_s):
     for _ in range(200):
         stray = stray.after(float(np.hypot(true_s * 0.5, 1e-4) * rng.normal()), 1e-8, 0.5)
     assert math.sqrt(stray.variance) == pytest.approx(true_s, rel=0.25)
+
+
+@pytest.mark.parametrize("lopsided", [0.06, 0.08])
+def test_gyro_that_turns_farther_to_the_left_than_to_the_right_is_no_stray_of_the_stamps(lopsided):
+    """A drift between gyro and images keeps its sign; taken for jitter it switches the images off: 58 deg off at 12."""
+
+    def turned(sample):
+        return replace(sample, yaw_rate=sample.yaw_rate * (1.0 + math.copysign(lopsided, sample.yaw_rate)))
+
+    drive = robot_drive(2, seconds=40.0).changed(turned, GyroSample)
+    fusion = YawFusion()
+    ratios, told = ratios_at_images(fusion, drive)
+    assert math.sqrt(fusion.state.jitter.variance) < 0.01
+    assert (ratios > 4.0).mean() < 0.01  # until an image shows it
+    assert "sensors_disagree_scale" in {code for code, _ in told}

@@ -19,7 +19,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 from fusion.buffer.events import FOREVER_NS, Sensor
-from fusion.checks.alternative import Alternative
+from fusion.checks.alternative import Alternative, Third
+from fusion.checks.contradiction import GROSS
 from fusion.checks.exclusion import Exclusion, fits_anything, may_give_degrees
 from fusion.checks.recovery import Recovery
 from fusion.checks.time_offset import EVERY_WINDOWS, TimeOffset, Turned, time_offset, with_window
@@ -102,6 +103,8 @@ class Isolation:
         What each sensor turned by in the last windows without a gap.
     offset : TimeOffset or None
         Whose clock is off, as they tell.
+    one_source : bool or None
+        Whether the odometry takes its turns from the gyro: it is no third sensor; None: not known yet.
     """
 
     exclusions: tuple[Exclusion, ...] = ()
@@ -115,6 +118,7 @@ class Isolation:
     moved: bool = False
     turned: tuple[Turned, ...] = ()
     offset: TimeOffset | None = None
+    one_source: bool | None = False
 
     def with_turns(self, window: Window, bias: float) -> Isolation:
         """With what the sensors turned by in one more window, the gyro's bias (rad/s) not taken out."""
@@ -124,7 +128,40 @@ class Isolation:
 
     def excludes(self, sensor: Sensor) -> bool:
         """Whether a sensor is not listened to."""
+        if self.one_source and sensor is Sensor.TRACKS:
+            return True
         return bool(self.exclusions) and any(one.sensor is sensor for one in self.exclusions)
+
+    def side(self, alternative: Alternative, window: Window) -> bool | None:
+        """Whether a third sensor takes the side of an alternative.
+
+        Not that of a gyro that seems to be its source, or that repeats one number, no turn, while the robot drives.
+        """
+        side, gyro, tracks = alternative.third.side, window.gyro, window.tracks
+        still = gyro is not None and window.gyro_repeats and abs(gyro.turn) < GROSS * window.seconds
+        doubted = self.one_source is None or (still and tracks is not None and not tracks.rests)
+        return None if doubted and side is (alternative.sensor is Sensor.GYRO) else side
+
+    def with_one_source(self, one_source: bool | None, bias: float) -> Isolation:
+        """With an odometry that turns by the gyro, or not any more; `bias` is the gyro's, rad/s.
+
+        What was decided with its help is open again: that the images are right is the alternative.
+        """
+        if not one_source:
+            return replace(self, one_source=one_source)
+        iso = self.without_alternative(Sensor.TRACKS).trusting(Sensor.TRACKS)
+        alternatives = tuple(replace(one, third=Third()) for one in iso.alternatives)
+        iso = replace(iso, alternatives=alternatives, one_source=True, last=None, long=None)
+        since_ns = next((one.since_ns for one in iso.exclusions if one.sensor is Sensor.COMPASS), None)
+        if since_ns is None or alternatives:
+            return iso
+        images = Alternative(Sensor.COMPASS, since_ns, 0.0)
+        for one in self.turned:
+            gyro, compass = one.rate_of(Sensor.GYRO), one.rate_of(Sensor.COMPASS)
+            if one.start_ns >= since_ns and gyro is not None and compass is not None:
+                seconds, off = (one.t_ns - one.start_ns) * 1e-9, compass - gyro + bias
+                images = replace(images, offset=images.offset + off * seconds, until_ns=one.t_ns, rate=off)
+        return iso.with_alternative(images)
 
     def variance(self, t_ns: int) -> float:
         """What all alternatives add at a time, ns, to the variance of the yaw, rad^2."""

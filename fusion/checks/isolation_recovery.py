@@ -41,7 +41,7 @@ def settle_alternatives(iso: Isolation, window: Window, bias: float) -> Judged:
     """End alternatives that a third sensor decides, and those of a sensor that is as it was before."""
     remedies = []
     for alternative in iso.alternatives:
-        side = alternative.third.side
+        side = iso.side(alternative, window)
         gyro, compass = window.gyro, window.compass
         if alternative.sensor is not Sensor.TRACKS and gyro and compass:
             if contradict(gyro, compass, window.seconds) and surely_gyro(window, compass.turn):

@@ -39,6 +39,8 @@ def judge(iso: Isolation, window: Window, bias: float) -> Judged:
     (Isolation, Remedy)
         As it is now, and what the filter has to do.
     """
+    if iso.one_source:
+        window = replace(window, tracks=None)
     alternatives = tuple(with_window(alternative, window, bias) for alternative in iso.alternatives)
     iso, remedies = replace(iso.with_turns(window, bias), alternatives=alternatives), []
     for rule in (settle_alternatives, judge_excluded, _judge_start, _judge_trusted):
@@ -208,7 +210,9 @@ def _gyro_against_compass(iso: Isolation, gyro: Claim, compass: Claim, window: W
     """
     off = gyro.turn - compass.turn
     third = Third().plus(window.tracks, gyro.turn, -off)
-    side = False if window.part and not surely_gyro(window, compass.turn) else third.side
+    before = [one.compass.turn - one.gyro.turn for one in iso.joined(window)[:-1] if one.compass and one.gyro]
+    images = Alternative(Sensor.COMPASS, window.start_ns, sum(before), third=third)
+    side = False if window.part and not surely_gyro(window, compass.turn) else iso.side(images, window)
     alternative = iso.alternative(Sensor.GYRO)
     if alternative is not None and side is None and not surely_gyro(window, compass.turn):
         return as_it_was(iso, alternative, window, bias)
@@ -217,9 +221,7 @@ def _gyro_against_compass(iso: Isolation, gyro: Claim, compass: Claim, window: W
         return iso, Remedy.of((iso.following(Sensor.COMPASS, window), rebias(gyro, compass, window, bias)))
     iso = iso.excluding(Sensor.COMPASS, window, gyro.turn, off)
     if side is None:
-        before = [one.compass.turn - one.gyro.turn for one in iso.joined(window)[:-1] if one.compass and one.gyro]
-        claimed = Alternative(Sensor.COMPASS, window.start_ns, sum(before), third=third)
-        iso = iso.with_alternative(claimed.plus(-off, window))
+        iso = iso.with_alternative(images.plus(-off, window))
     return iso, iso.following(Sensor.GYRO, window)
 
 

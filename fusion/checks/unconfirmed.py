@@ -49,6 +49,8 @@ class Belief:
         rad, rad/s.
     scale, scale_sigma : float
         Of the tracks.
+    yaw_by_scale : float
+        By how much the yaw would be another if that scale were, rad: tracks have turned it alone.
     """
 
     t_ns: int
@@ -56,6 +58,11 @@ class Belief:
     rate: float
     scale: float
     scale_sigma: float
+    yaw_by_scale: float = 0.0
+
+    def turned(self, since: Belief) -> float:
+        """Turn since then, rad: that the scale learnt meanwhile moves the yaw of then is none."""
+        return self.yaw - since.yaw - since.yaw_by_scale * (self.scale - since.scale)
 
 
 @dataclass(frozen=True, slots=True)
@@ -178,7 +185,7 @@ class Unconfirmed:
         Not every one does: a camera's delay that is not known yet explains much at small rates.
         """
         known = self.beginning or now.t_ns - self.since.t_ns <= SILENT_NS
-        turned = now.yaw - self.since.yaw
+        turned = now.turned(self.since)
         return not known or innovation**2 <= CONTRADICTION_SIGMAS**2 * variance + (ALIKE * turned) ** 2
 
     def agrees(self, now: Belief) -> bool:
@@ -186,7 +193,7 @@ class Unconfirmed:
         if self.tracks is None:
             return True
         beyond = self._beyond(now, now)
-        hidden = HIDES * max(abs(now.yaw - self.since.yaw), abs(self.tracks.turn_until(now.t_ns) / now.scale))
+        hidden = HIDES * max(abs(now.turned(self.since)), abs(self.tracks.turn_until(now.t_ns) / now.scale))
         if abs(beyond) > max(hidden, ALIKE_TURN):
             return False
         return beyond**2 <= WELL_WITHIN**2 * (self.noise + self._by_scale(now, now))
@@ -202,7 +209,7 @@ class Unconfirmed:
     def _beyond(self, now: Belief, scaled: Belief) -> float:
         """By how much the yaw has turned since then more than the tracks say, rad, at the scale of `scaled`."""
         claimed = self.tracks.turn_until(now.t_ns) / scaled.scale if self.tracks else 0.0
-        return now.yaw - self.since.yaw - claimed
+        return now.turned(self.since) - claimed
 
     def _by_scale(self, now: Belief, scaled: Belief) -> float:
         """Variance that this scale gives to what the tracks claim since then, rad^2."""
@@ -245,5 +252,5 @@ class Unconfirmed:
     @staticmethod
     def _beyond_rate(since: Belief, now: Belief) -> float:
         """What the yaw has gone on by since a time beyond the turn rate of then, rad^2."""
-        beyond = now.yaw - since.yaw - since.rate * (now.t_ns - since.t_ns) * 1e-9
+        beyond = now.turned(since) - since.rate * (now.t_ns - since.t_ns) * 1e-9
         return REVERSED * max(beyond**2 - ALIKE_TURN**2, 0.0)

@@ -21,6 +21,7 @@ CODES: dict[str, str] = {
     "sensors_disagree_bias": "a sensor's turn rate differs from the others' by a constant",
     "sensors_disagree_time": "a sensor's turns come earlier or later than the others'",
     "sensors_disagree": "sensors contradict each other",
+    "odometry_not_independent": "the odometry takes its turns from the gyro",
     "turn_lost": "nothing measured how the robot turned for a while",
     "vertical_unknown": "nothing usable tells where up is; the gyro's z axis was taken",
     "orientation_wrong": "the IMU's orientation contradicts its gravity or its gyro and was left out",

@@ -9,6 +9,7 @@ import numpy as np
 
 from fusion.buffer.events import Sensor
 from fusion.checks.alternative import ALTERNATIVE_PROBABILITY
+from fusion.checks.common_source import CommonSource
 from fusion.checks.early_images import EarlyImages
 from fusion.checks.gate import Gate
 from fusion.checks.isolation import Isolation
@@ -58,6 +59,8 @@ class FilterState:
         When the robot was last found to stand, which showed the gyro's bias.
     turns : Turns
         What each sensor says of the present window.
+    common_source : CommonSource
+        Whether the odometry takes its turns from the gyro.
     isolation : Isolation
         Who contradicts and is excluded, and what the alternatives are.
     gyro_vague : bool
@@ -68,6 +71,8 @@ class FilterState:
         Increments that the gate refuses at present.
     image_excess : float
         Squared innovation of the last image beyond its variance, rad^2, whether it passed the gate or not.
+    image_innovation : tuple of float or None
+        Of the last increment from a keyframe, rad, and the turn rate then, rad/s; None where none was judged.
     unconfirmed : Unconfirmed or None
         Since when only one sensor measures the turn; None before two have agreed.
     warnings : tuple of Warning
@@ -120,11 +125,13 @@ class FilterState:
     stillness: Stillness = field(default_factory=lambda: Stillness(0))
     rested_ns: int | None = None
     turns: Turns = field(default_factory=Turns)
+    common_source: CommonSource = field(default_factory=CommonSource)
     isolation: Isolation = field(default_factory=Isolation)
     gyro_vague: bool = False
     gyro_since_ns: int | None = None
     refusal: Refusal | None = None
     image_excess: float = 0.0
+    image_innovation: tuple[float, float] | None = None
     unconfirmed: Unconfirmed | None = None
     warnings: tuple[Warning, ...] = ()
     trail: GyroTrail = field(default_factory=GyroTrail)
@@ -197,8 +204,16 @@ class FilterState:
     def belief(self) -> Belief:
         """Of yaw, turn rate and tracks."""
         x = self.x if self.hears(Sensor.COMPASS) else believed(self)[0]
-        scale_sigma = math.sqrt(max(float(self.P[State.SCALE, State.SCALE]), 0.0))
-        return Belief(self.t_ns or 0, float(x[State.YAW]), float(x[State.RATE]), float(x[State.SCALE]), scale_sigma)
+        variance = max(float(self.P[State.SCALE, State.SCALE]), 0.0)
+        by_scale = float(self.P[State.YAW, State.SCALE]) / variance if variance > 0.0 else 0.0
+        return Belief(
+            self.t_ns or 0,
+            float(x[State.YAW]),
+            float(x[State.RATE]),
+            float(x[State.SCALE]),
+            math.sqrt(variance),
+            by_scale,
+        )
 
     def confirmed(self, rate_sigma: float) -> Unconfirmed:
         """Two sensors agree; `rate_sigma`: of a turn rate that nobody measures, rad/s."""
@@ -228,8 +243,9 @@ class FilterState:
         if self.unconfirmed is None or (self.unconfirmed.beginning and not self.gates[Sensor.GYRO].report):
             return 0.0
         slipped, unconfirmed = ALTERNATIVE_PROBABILITY[Sensor.TRACKS] * self.unconfirmed.by_tracks, self.unconfirmed
-        if not (self.believes(Sensor.GYRO) or self.believes(Sensor.TRACKS)):
-            unconfirmed = replace(unconfirmed, tracks=None)  # those that never spoke contradict nobody
+        gyro = self.believes(Sensor.GYRO)
+        if self.common_source.one is not False if gyro else not self.believes(Sensor.TRACKS):
+            unconfirmed = replace(unconfirmed, tracks=None)  # they confirm and contradict nobody
         variance = unconfirmed.variance(self.belief, images=self.only_tracks_watch) + self.against_tracks
         return variance + (slipped if self.hears(Sensor.COMPASS) else 0.0)
 
@@ -275,7 +291,7 @@ class FilterState:
         """What is wrong, the turns that nobody counted included, most serious first."""
         named = {warning.code for warning in self.warnings}
         more = [one for one in (*self.early_images.warnings(), *self._hung()) if one.code not in named]
-        others = (*self.scale_conflict.warnings(), *more, *self.turn_count.warnings())
+        others = (*self.scale_conflict.warnings(), *more, *self.turn_count.warnings(), *self.common_source.warnings())
         return tuple(most_serious_first((*self.warnings, *others)))
 
     def _hung(self) -> tuple[Warning, ...]:
@@ -297,7 +313,8 @@ class FilterState:
 
 def believed(state: FilterState) -> tuple[Array, Array]:
     """State and covariance with what gyro and tracks say by agreeing."""
-    if state.agreement is None or state.gates[Sensor.TRACKS].accepted_ns is None:
+    two = state.common_source.one is False and state.gates[Sensor.TRACKS].accepted_ns is not None
+    if state.agreement is None or not two:
         return state.x, state.P
     return state.agreement.mixed(state.x, state.P, (State.BIAS, State.VEER))
 

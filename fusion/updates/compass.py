@@ -110,11 +110,9 @@ class CompassUpdate:
         known_ns = before.gates[Sensor.COMPASS].accepted_ns
         if verdict is Verdict.ACCEPTED and state.paused_ns > (known_ns or event.sample.t_ref_ns):
             state.turn_count = state.turn_count.after(event.t_ns, measurement.innovation, expected.S)
-        if known and not state.isolation.exclusions and not increment.long_baseline and not moved:
-            last = before.gates[Sensor.COMPASS].report
-            # what stays from image to image is no jitter: a delay, or a bias of the gyro
-            stray = (measurement.innovation - last.innovation) / math.sqrt(2.0) if last else measurement.innovation
-            state.jitter = state.jitter.after(stray, others, rate)
+        if not increment.long_baseline:
+            judged = verdict is not None and not state.isolation.exclusions
+            _learn_jitter(state, measurement.innovation, others, rate, judged=judged)
         if verdict is None or excluded:
             ekf.anchor(since, measurement)
             state.clones = state.clones.placed(slot, event.t_ns)
@@ -160,6 +158,17 @@ def compass_measurement(
     H[0, error] = math.sqrt(lasting)
     innovation = float(wrap_angle(yaw - float((H @ ekf.x)[0])))
     return Measurement(innovation, H, variance - lasting)
+
+
+def _learn_jitter(state: FilterState, innovation: float, others: float, rate: float, *, judged: bool) -> None:
+    """Learn the timestamp jitter of the images from an innovation less the one before, rad, at turn rates in rad/s.
+
+    Jitter is white; what a drift or a wrong scale factor makes of innovations stays from image to image, and cancels.
+    """
+    before, state.image_innovation = state.image_innovation, (innovation, rate) if judged else None
+    if before is not None and judged:
+        change, gain = innovation - before[0], math.hypot(rate, before[1])
+        state.jitter = state.jitter.after(change * math.sqrt(0.5), others, gain * math.sqrt(0.5))
 
 
 def _allow_for_refused_gyro(state: FilterState, t_ns: int) -> None:

@@ -15,6 +15,7 @@ from fusion.checks.gate import Verdict
 from fusion.checks.isolation import Remedy
 from fusion.checks.isolation_rules import judge
 from fusion.checks.refusal import Refusal
+from fusion.checks.silence import RATE_SILENT_NS
 from fusion.checks.windows import BEYOND, LONGEST_WINDOW_NS, SAME_NUMBER, WINDOW_NS, Claim, Start, Window
 from fusion.config import FusionConfig
 from fusion.state.ekf import Measurement, State
@@ -60,6 +61,7 @@ class FaultIsolation:
         joined = increment is None or (turns.compass is not None and turns.compass.start_ns == start_ns)
         if joined and 0 < t_ns - start_ns <= LONGEST_WINDOW_NS:
             window, bias = self._window(state, start_ns, increment), turns.start.bias
+            self._note_source(state, bias)
             if state.isolation.contradicting.isdisjoint((Sensor.GYRO, Sensor.COMPASS)) and not contradict(
                 window.gyro, window.compass, window.seconds
             ):
@@ -83,6 +85,21 @@ class FaultIsolation:
                     ekf.renew(State.GYRO_SCALE, state.gyro_scale_sigma**2)
         state.turns = state.turns.anew(t_ns, _start(state), increment)
         return wrong_ns
+
+    def _note_source(self, state: FilterState, bias: float) -> None:
+        """Leave out an odometry that turns by the gyro, as long as that speaks, and what was learnt as they agreed."""
+        gyro, one_source = state.turns.gyro, state.common_source.one
+        if gyro is None or (state.t_ns or 0) - gyro.t_ns > RATE_SILENT_NS:
+            one_source = False
+        if one_source is state.isolation.one_source:
+            return
+        state.isolation = state.isolation.with_one_source(one_source, bias)
+        if one_source:
+            state.agreement = None
+            if not state.hears(Sensor.COMPASS):
+                sigma = self._config.initial_bias_sigma
+                state.ekf.renew(State.BIAS, max(sigma**2, float(state.P[State.BIAS, State.BIAS])))
+                state.ekf.widen(State.YAW, (sigma * state.common_source.seconds) ** 2)
 
     def _apply(self, state: FilterState, remedy: Remedy, window: Window) -> bool:
         """Do what has to be done after a window; whether the yaw was moved."""

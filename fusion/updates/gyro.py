@@ -71,6 +71,8 @@ class GyroUpdate:
             if state.turns.gyro is not None:  # nor did those before it that were at the end stop already
                 state.turns = replace(state.turns, gyro=None)
             return
+        noise = self._config.gyro_sigma * math.sqrt(state.gyro_noise.factor.variance)
+        state.common_source = state.common_source.with_gyro(event.t_ns, sample.yaw_rate, noise)
         if state.gyro_noise.repeats(sample.yaw_rate, self._config.gyro_sigma):
             self._learn_noise(state, sample)
             return

@@ -53,6 +53,7 @@ class OdometryUpdate:
     def fuse(self, state: FilterState, event: TracksEvent) -> None:
         """Take in what the tracks claim since their reference, once `track_interval` is over."""
         sample, ekf, config = event.sample, state.ekf, self._config
+        state.common_source = state.common_source.with_tracks(sample)
         state.turns = state.turns.with_tracks(sample, by_poses=config.odometry == "pose")
         if state.turns.ends_at_odometry(event.t_ns):
             self._isolation.compare(state, None)

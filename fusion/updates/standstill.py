@@ -46,7 +46,7 @@ class StandstillUpdate:
             stillness = stillness.moved(event.t_ns)
         elif isinstance(event, GyroEvent):
             stillness = stillness.with_gyro(event.t_ns, event.sample.yaw_rate, self._gyro.sigma(state, event.sample))
-        elif isinstance(event, TracksEvent):
+        elif isinstance(event, TracksEvent) and not state.isolation.one_source:
             stillness = stillness.with_tracks(event.sample)
         elif isinstance(event, CompassEvent) and not event.sample.long_baseline:
             stillness = stillness.with_increment(event.sample)
