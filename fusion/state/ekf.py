@@ -12,7 +12,6 @@ from typing import Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from filterpy.kalman import ExtendedKalmanFilter
 
 from compass import wrap_angle
 from fusion.buffer.events import NONSENSE_RATE
@@ -28,6 +27,7 @@ from fusion.state.bounds import (
     rounding,
     symmetric,
 )
+from fusion.state.kalman_base import ExtendedKalmanFilter
 from fusion.state.process_models import integrate_gauss_markov, turning
 
 Array = npt.NDArray[np.float64]
