@@ -16,7 +16,7 @@ gyro that repeats one number.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from compass import wrap_angle
 from fusion.buffer.events import Sensor
@@ -58,7 +58,7 @@ class Belief:
     scale_sigma: float
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class TracksSince:
     """What the tracks claim since a time, by their poses where they have any: a driver's twist lags.
 
@@ -91,7 +91,7 @@ class TracksSince:
         return self.turn + self.last.yaw_rate * (t_ns - self.last.t_ns) * 1e-9
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Unconfirmed:
     """Since the last time that two sensors agreed.
 
