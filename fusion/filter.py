@@ -147,7 +147,7 @@ class YawFilter:
         from when two sensors last agreed.
         """
         known, began_ns = before.unconfirmed, before.turns.start_ns
-        if known is None or began_ns is None or not (before.believes(Sensor.GYRO) and not state.believes(Sensor.GYRO)):
+        if known is None or began_ns is None or state.believes(Sensor.GYRO) or not before.believes(Sensor.GYRO):
             return
         claimed, last = before.isolation.alternative(Sensor.COMPASS), before.isolation.last
         back_ns = last.start_ns if last is not None and last.t_ns == began_ns else began_ns
@@ -224,9 +224,10 @@ class YawFilter:
             heard_ns = state.gates[Sensor.GYRO].accepted_ns
             watched = heard_ns is not None and t_ns - heard_ns <= WATCHED_NS and not state.gyro_vague
             seconds = (t_ns - state.t_ns) * 1e-9
-            rate, unheard = float(state.x[State.RATE]), max(seconds - RATE_SILENT_NS * 1e-9, 0.0)
+            rate, unheard = float(state.x[State.RATE]), seconds - RATE_SILENT_NS * 1e-9
             state.ekf.predict_for(seconds, still=still, watched=watched)
-            state.ekf.widen(State.YAW, (rate * unheard) ** 2 / 3.0)  # it may have stopped at any time since, at once
+            if unheard > 0.0:  # it may have stopped at any time since, at once
+                state.ekf.widen(State.YAW, (rate * unheard) ** 2 / 3.0)
             if state.yaw_lead:
                 state.yaw_lead *= math.exp(-seconds / SETTLING)
         state.t_ns = t_ns

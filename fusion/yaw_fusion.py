@@ -45,6 +45,7 @@ log = logging.getLogger(__name__)
 SHORTEST_REACH_NS = 1_000_000_000  # a stamp off by less does no harm that lasts
 SHORT_LIFE = 3  # times as far away as samples that confirm each other span: what was before is taken for a wrong stamp
 UNKNOWN_TURN = math.pi**2 / 3.0  # rad^2, variance of a heading of which nothing is known
+_LATE, _IN_ORDER = ({sensor: f"{sensor.value}: {fared}" for sensor in Sensor} for fared in ("late", "in order"))
 
 
 class YawFusion:
@@ -119,10 +120,12 @@ class YawFusion:
         if newest_ns is not None and sample.t_ns > newest_ns + self._reach_of(sensor):
             return self._wait(sample, newest_ns)
         for other in (self._ahead, self._behind):
-            other.opposed(sensor, newest_ns or 0)
+            if other.since:
+                other.opposed(sensor, newest_ns or 0)
         self._clocks.well(sensor)
         taken = self._take(sample)
-        self._catch_up()
+        if self._ahead.samples:
+            self._catch_up()
         return taken
 
     def _catch_up(self) -> bool:
@@ -157,8 +160,9 @@ class YawFusion:
 
     def _reach_of(self, sensor: Sensor) -> int:
         """How far ahead of all others a sample is believed, ns; the only sensor there is keeps to its own pace."""
-        alone = all(other is sensor for other in self._heard)
-        return max(self._reach_ns, PERIODS * self._gaps.get(sensor, 0)) if alone else self._reach_ns
+        if len(self._heard) > 1 or (self._heard and sensor not in self._heard):
+            return self._reach_ns
+        return max(self._reach_ns, PERIODS * self._gaps.get(sensor, 0))
 
     def flush(self) -> None:
         """Take in what still waits to be confirmed and was never contradicted: no more samples will come."""
@@ -234,7 +238,7 @@ class YawFusion:
         if not isinstance(sample, YawIncrement):
             self._spikes.hear(sensor, sample)
         self._pauses.hear(sample.t_ns, sample.t_ref_ns if isinstance(sample, YawIncrement) else None)
-        self.counts[f"{sensor.value}: {'late' if arrival is Arrival.LATE else 'in order'}"] += 1
+        self.counts[_LATE[sensor] if arrival is Arrival.LATE else _IN_ORDER[sensor]] += 1
         self._take_all(self._leads.hear(sensor, sample.t_ns))
         return True
 

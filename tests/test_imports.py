@@ -114,6 +114,33 @@ def test_imports_unknown_name_is_an_attribute_error():
         compass.nothing  # noqa: B018
 
 
+def test_imports_of_the_filter_leave_scipy_stats_to_who_uses_it():
+    code = (
+        "import sys\n"
+        "from fusion.state.ekf import YawEkf\n"
+        "import filterpy.kalman.EKF\n"
+        "assert 'scipy.stats' not in sys.modules and 'filterpy.stats' not in sys.modules\n"
+        "by_class = filterpy.kalman.EKF.logpdf(x=0.3, cov=2.0)\n"
+        "assert by_class == filterpy.stats.logpdf(x=0.3, cov=2.0)\n"
+        "from filterpy.stats import gaussian\n"
+        "assert filterpy.stats is sys.modules['filterpy.stats'] and gaussian is filterpy.stats.gaussian\n"
+        "assert 'scipy.stats' in sys.modules\n"
+    )
+    result = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert result.returncode == 0, result.stderr
+
+
+def test_imports_of_the_filter_take_what_somebody_has_imported_before():
+    code = (
+        "import filterpy.stats\n"
+        "before = filterpy.stats\n"
+        "import fusion.state.ekf, sys\n"
+        "assert before is filterpy.stats is sys.modules['filterpy.stats'] and before.gaussian\n"
+    )
+    result = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert result.returncode == 0, result.stderr
+
+
 @pytest.mark.parametrize("node", ["fusion_node", "compass_node"])
 def test_imports_of_a_node_are_what_it_uses(node):
     """On the robot: no bags, no plots, no command line."""

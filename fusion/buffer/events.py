@@ -143,13 +143,14 @@ def fault_of(sample: Sample) -> str | None:
     else:
         numbers, variance = (sample.yaw_rate, sample.speed, sample.yaw), None
         motion = (sample.yaw_rate, sample.speed)
-    if not all(math.isfinite(number) for number in numbers if number is not None):
+    known = [number for number in numbers if number is not None]
+    if not all(map(math.isfinite, known)):
         return "not finite"
     if variance is not None and variance <= 0.0:
         return "variance not positive"
-    if any(abs(number) > NONSENSE_RATE for number in motion):
+    if max(map(abs, motion), default=0.0) > NONSENSE_RATE:
         return f"faster than {NONSENSE_RATE:g} m/s or rad/s"
-    if any(abs(number) > NONSENSE for number in numbers if number is not None):
+    if max(map(abs, known)) > NONSENSE:
         return f"a number beyond {NONSENSE:g}"
     return None
 

@@ -34,7 +34,10 @@ def plain(sample: Sample) -> Sample:
     ArgumentError
         A stamp is no whole number, as seconds are, or a field is no number.
     """
-    of_kind, (wanted, optional) = next((k, fields) for k, fields in _FIELDS.items() if isinstance(sample, k))
+    of_kind: type[Any] = type(sample)
+    if of_kind not in _FIELDS:
+        of_kind = next(kind for kind in _FIELDS if isinstance(sample, kind))
+    wanted, optional = _FIELDS[of_kind]
     changes: dict[str, Any] = {}
     for name in wanted:
         value = getattr(sample, name)

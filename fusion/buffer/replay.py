@@ -28,6 +28,7 @@ class Event(Protocol):
 # Not derived: `RECENT`, `SPACING`. States are what fills a processor's cache.
 RECENT = 32  # of the newest events the state after each is kept: 0.1 s of a robot's sensors, by which images come late
 SPACING = 8  # of those before, the state after every eighth
+BATCH = 72  # events at least that are forgotten together: deleting from the front moves the rest
 
 E = TypeVar("E", bound=Event)
 S = TypeVar("S")
@@ -80,6 +81,8 @@ class Timeline(Generic[E, S]):
 
     def holds(self, event: E) -> bool:
         """Whether the very same event is in it already."""
+        if self._newest_ns is None or event.t_ns > self._newest_ns:
+            return False
         place = bisect_left(self._orders, event.order)
         return place < len(self._orders) and self._orders[place] == event.order
 
@@ -108,10 +111,11 @@ class Timeline(Generic[E, S]):
         """Put an event in its place, which is returned; or why it has none."""
         if self._newest_ns is not None and event.t_ns < self._newest_ns - self._window_ns:
             return Arrival.TOO_OLD
-        order = event.order
-        place = bisect_left(self._orders, order)
-        if place < len(self._orders) and self._orders[place] == order:
-            return Arrival.DUPLICATE
+        order, place = event.order, len(self._orders)
+        if place and order <= self._orders[-1]:
+            place = bisect_left(self._orders, order)
+            if self._orders[place] == order:
+                return Arrival.DUPLICATE
         self._orders.insert(place, order)
         self._events.insert(place, event)
         return place
@@ -131,9 +135,12 @@ class Timeline(Generic[E, S]):
 
     def _forget(self) -> None:
         """Drop events that have left the window; the state after them is what a replay starts from."""
-        count = bisect_left(self._orders, (self._events[-1].t_ns - self._window_ns,))
+        first_ns = self._events[-1].t_ns - self._window_ns
+        if len(self._events) < BATCH or self._events[BATCH - 1].t_ns >= first_ns:
+            return
+        count = bisect_left(self._orders, (first_ns,))
         count -= count % SPACING
-        base = self._states[count - 1] if count > 64 else None  # in batches: deleting from the front moves the rest
+        base = self._states[count - 1]
         if base is not None:
             self._base = base
             del self._orders[:count], self._events[:count], self._states[:count]

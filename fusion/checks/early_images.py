@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 from fusion.checks.warnings import Warning
+from fusion.record import record
 
 SIGMAS = 3.0  # of the delay: as learnt, or as expected where it was forgotten and is learnt anew
 NOTABLE = 2.0  # of the prior's; less is expected of a sound camera, or of a gyro's own filter; not derived
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class EarlyImages:
     """By how much images seem to be stamped before they were exposed.
 

@@ -124,12 +124,17 @@ class LeadWatch:
         self._held.clear()
         return sorted((one for group in groups for one in group), key=attrgetter("t_ns"))
 
-    def _newest_of_others(self, sensor: Sensor | None = None) -> int | None:
-        return max((self._leads[one].newest_ns for one in self._alive(sensor)), default=None)
+    def _newest_of_others(self, sensor: Sensor) -> int | None:
+        """Of those that are not silent; None where all are."""
+        others = [lead.newest_ns for one, lead in self._leads.items() if one is not sensor]
+        if not others:
+            return None
+        newest_ns = max(others)
+        return newest_ns if newest_ns >= self._leads[sensor].newest_ns - SILENT_NS else None
 
-    def _alive(self, but: Sensor | None = None) -> Iterator[Sensor]:
+    def _alive(self) -> Iterator[Sensor]:
         newest_ns = max((lead.newest_ns for lead in self._leads.values()), default=0)
-        return (s for s, lead in self._leads.items() if s is not but and lead.newest_ns >= newest_ns - SILENT_NS)
+        return (one for one, lead in self._leads.items() if lead.newest_ns >= newest_ns - SILENT_NS)
 
 
 def _joined(samples: Iterable[Sample], t_ns: int) -> list[Sample]:

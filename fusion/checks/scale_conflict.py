@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from fusion.checks.warnings import Warning
+from fusion.record import record
 
 SIGMAS = 3.0  # of the gyro's prior: 1 in 370 gyros that are sound is beyond
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class ScaleConflict:
     """By what factor gyro and compass differ, beyond what the gyro's prior explains.
 

@@ -9,7 +9,7 @@ et al. 2010, doi:10.1109/TBME.2010.2060723.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 
 from compass import YawIncrement, wrap_angle
 from fusion.checks.silence import SILENT_NS
@@ -56,7 +56,7 @@ class Running:
         return self.sigma / math.sqrt(self.count) if self.count > 4 else math.inf
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class CompassTurn:
     """Turn (rad) the compass has seen since `start_ns`: an increment less `offset`, whose variance is `variance`.
 

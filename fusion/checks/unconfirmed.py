@@ -16,7 +16,7 @@ gyro that repeats one number.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from compass import wrap_angle
 from fusion.buffer.events import Sensor
@@ -65,7 +65,7 @@ class Belief:
         return self.yaw - since.yaw - since.yaw_by_scale * (self.scale - since.scale)
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class TracksSince:
     """What the tracks claim since a time, by their poses where they have any: a driver's twist lags.
 
@@ -98,7 +98,7 @@ class TracksSince:
         return self.turn + self.last.yaw_rate * (t_ns - self.last.t_ns) * 1e-9
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Unconfirmed:
     """Since the last time that two sensors agreed.
 

@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import dataclass
 
 from compass.config import CompassConfig
 from compass.tilt import STEEPEST_COSINE, Tilted, Vector, about_z
+from fusion.record import record
 from fusion.samples import GyroSample
 
 TILT_ERROR = CompassConfig.tilt_sigma  # rad, of roll and pitch as IMUs measure them; the parameter's default
@@ -49,7 +49,7 @@ def heading_gain(up: Vector) -> float:
     return up[2] / level if level >= STEEPEST_SQUARED else 1.0
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class BiasGain:
     """How much of a gyro's biases about the robot's own axis and its y axis is a bias of the rate of its heading."""
 
@@ -67,7 +67,7 @@ class BiasGain:
         return abs(self.own - other.own) + abs(self.cross - other.cross) > NOTICED
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class TiltedTurn:
     """What the yaw owes to a vertical that may err: the integral of the tilt over the turn.
 

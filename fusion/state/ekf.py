@@ -12,7 +12,6 @@ from typing import Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from filterpy.kalman import ExtendedKalmanFilter
 
 from compass import wrap_angle
 from fusion.buffer.events import NONSENSE_RATE
@@ -28,6 +27,7 @@ from fusion.state.bounds import (
     rounding,
     symmetric,
 )
+from fusion.state.kalman_base import ExtendedKalmanFilter
 from fusion.state.process_models import integrate_gauss_markov, turning
 
 Array = npt.NDArray[np.float64]
@@ -174,7 +174,7 @@ class YawEkf(ExtendedKalmanFilter):
     def fork(self, tape: list[Transition | Correction] | None) -> YawEkf:
         """The same filter to go on with, which notes every step on `tape`: arrays are replaced, never changed."""
         other = object.__new__(type(self))
-        other.__dict__.update(self.__dict__)  # what copy.copy does, in a tenth of the time
+        other.__dict__ = self.__dict__.copy()  # what copy.copy does, in a tenth of the time
         other.tape = tape
         return other
 
@@ -196,6 +196,10 @@ class YawEkf(ExtendedKalmanFilter):
             x = self.x
             self.transform(forget_beyond(self.P, State.YAW, YAWS))
             self.x = x
+
+    def predict_x(self, u: float = 0.0) -> None:
+        """As the base class, which calls it, without a control input."""
+        self.x = self.F.dot(self.x)
 
     def transition(self, dt: float, *, still: bool = False, watched: bool = False) -> tuple[Array, Array]:
         """Transition F and process noise Q over `dt` seconds.

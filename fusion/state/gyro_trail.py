@@ -9,7 +9,6 @@ from typing import NamedTuple
 from compass.tilt import Vector
 from fusion.imu.tilt import NEAR_NS
 from fusion.record import record
-from fusion.samples import GyroSample
 
 TRAIL_NS = 1_000_000_000  # of what the gyro said that is remembered
 SHORTEST_STEP = 0.02  # s; over less the gyro's noise says more of its rate than the rate
@@ -57,13 +56,13 @@ class GyroTrail:
 
     points: tuple[TrailPoint, ...] = ()
 
-    def add(self, sample: GyroSample) -> GyroTrail:
-        """With one more sample, not older than the last."""
-        t_ns, rate, turn = sample.t_ns, sample.yaw_rate, 0.0
+    def add(self, t_ns: int, rate: float, up: Vector | None) -> GyroTrail:
+        """With one more rate (rad/s), not older than the last, and the vertical then."""
+        turn = 0.0
         if self.points:
             last = self.points[-1]
             turn = last.turn + 0.5 * (last.rate + rate) * (t_ns - last.t_ns) * 1e-9
-        return GyroTrail((*self.points[self._place(t_ns - TRAIL_NS) :], TrailPoint(t_ns, rate, turn, sample.up)))
+        return GyroTrail((*self.points[self._place(t_ns - TRAIL_NS) :], TrailPoint(t_ns, rate, turn, up)))
 
     def _place(self, t_ns: int) -> int:
         """Where the first point is that is not before a time."""

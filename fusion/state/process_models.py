@@ -13,7 +13,8 @@ _SIX = np.polynomial.legendre.leggauss(6)
 # Gauss-Legendre over (0, 1), nodes and weights: exact to the last digit over one ramp
 _RULE = tuple((0.5 + 0.5 * float(node), 0.5 * float(weight)) for node, weight in zip(*_SIX, strict=True))
 _SERIES = 0.1  # below, the closed form loses more than four digits; the terms left out of the series are 1e-15 of it
-_INTEGRATED = tuple((2.0**n - 4.0) / math.factorial(n) for n in range(3, 15))
+_INTEGRATED = tuple((2.0**n - 4.0) / math.factorial(n) for n in range(14, 2, -1))
+KNOWN_STEPS = 400  # of which the model is kept: those that an image late by a second replays; not derived
 
 
 def integrate_gauss_markov(
@@ -41,12 +42,12 @@ def _integrated(x: float) -> float:
     if x > _SERIES:
         return 2.0 * x - 3.0 + 4.0 * math.exp(-x) - math.exp(-2.0 * x)
     total = 0.0
-    for coefficient in _INTEGRATED[::-1]:
+    for coefficient in _INTEGRATED:
         total = coefficient - x * total
     return x**3 * total
 
 
-@lru_cache(maxsize=64)  # some sensors keep to their steps to the nanosecond
+@lru_cache(maxsize=KNOWN_STEPS)  # some sensors keep to their steps to the nanosecond, too
 def turning(ramp: float, dt: float) -> tuple[Array, Array]:
     """Transition and process noise of (yaw, rate, acceleration) over `dt` seconds.
 

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 from compass import wrap_angle
 from compass.tilt import Vector
 from fusion.checks.silence import RATE_SILENT_NS
 from fusion.imu.tilt import heading_gain
+from fusion.record import record
 from fusion.samples import OdometrySample
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class OdometryFields:
     """Which fields of the odometry have ever spoken; those a driver leaves empty are zero for ever.
 
@@ -50,7 +49,7 @@ class OdometryFields:
         return voice, OdometrySample(sample.t_ns, rate * gain, sample.speed, yaw)
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class TrackClaim:
     """What the tracks claim since a reference.
 

@@ -48,14 +48,13 @@ class GyroUpdate:
         sample, refused = event.sample, state.gates[Sensor.GYRO]
         if refused.report is None or event.t_ns - refused.report.t_ns > RATE_SILENT_NS:
             state.gyro_since_ns = event.t_ns
-        if sample.up:
-            sample = replace(sample, up=beyond_error(sample.up, TILT_ERROR))
+        up = beyond_error(sample.up, TILT_ERROR) if sample.up else None
         if state.trail.points:
             seconds = min(event.t_ns - state.trail.points[-1].t_ns, RATE_SILENT_NS) * 1e-9
-            state.tilted_turn = state.tilted_turn.after(sample.up, float(state.x[State.RATE]) * seconds)
+            state.tilted_turn = state.tilted_turn.after(up, float(state.x[State.RATE]) * seconds)
         if sample.factor_sigma != state.gyro_factor_sigma:
             self._allow_factor(state, sample.factor_sigma)
-        gain = BiasGain.tilted(sample.up) if sample.up else state.bias_gain
+        gain = BiasGain.tilted(up) if up else state.bias_gain
         if gain.differs(state.bias_gain):
             turn_bias(state.ekf, state.bias_gain, gain)
             state.bias_gain = gain
@@ -102,7 +101,7 @@ class GyroUpdate:
             walked = math.sqrt(max(prior, 0.0) / state.ekf.rate_walk_scale)
             state.rate_walk_scale = state.rate_walk_scale.after(measurement.innovation, measurement.R, walked)
         if verdict is not Verdict.REJECTED:
-            state.trail = state.trail.add(sample)
+            state.trail = state.trail.add(sample.t_ns, sample.yaw_rate, up)
             self._learn_noise(state, sample)
         self._recover(state, event, measurement, verdict, refused)
 
@@ -123,9 +122,9 @@ class GyroUpdate:
 
         Who is refused may be so because of it, and is no nobody.
         """
-        reports = [gate.report for sensor, gate in state.gates.items() if sensor is not Sensor.GYRO]
-        alone = all(one is None or sample.t_ns - one.t_ns > SILENT_NS for one in reports)
-        if not (alone and state.gyro_noise.hung(float(state.x[State.BIAS]), self._config.gyro_sigma)):
+        hung = state.gyro_noise.hung(float(state.x[State.BIAS]), self._config.gyro_sigma)
+        others = (gate.report for sensor, gate in state.gates.items() if sensor is not Sensor.GYRO)
+        if not hung or any(one is not None and sample.t_ns - one.t_ns <= SILENT_NS for one in others):
             state.hung_since_ns = None
         elif state.hung_since_ns is None:
             state.hung_since_ns = sample.t_ns

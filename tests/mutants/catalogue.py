@@ -458,8 +458,8 @@ MUTANTS = (
     Mutant(
         "nothing-is-forgotten",
         "fusion/buffer/replay.py",
-        "if count > 64 else None",
-        "if count > 10**9 else None",
+        "BATCH = 72",
+        "BATCH = 10**9",
         _tests("test_replay::test_memory_stays_bounded"),
     ),
     Mutant(
