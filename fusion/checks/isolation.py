@@ -147,11 +147,13 @@ class Isolation:
 
         What was decided with its help is open again: that the images are right is the alternative.
         """
-        if not one_source:
-            return replace(self, one_source=one_source)
-        iso = self.without_alternative(Sensor.TRACKS).trusting(Sensor.TRACKS)
-        alternatives = tuple(replace(one, third=Third()) for one in iso.alternatives)
-        iso = replace(iso, alternatives=alternatives, one_source=True, last=None, long=None)
+        if one_source is False:
+            return replace(self, one_source=False)
+        iso, alternatives = replace(self, one_source=one_source), self.alternatives
+        if one_source:
+            iso = iso.without_alternative(Sensor.TRACKS).trusting(Sensor.TRACKS)
+            alternatives = tuple(replace(one, third=Third()) for one in iso.alternatives)
+            iso = replace(iso, alternatives=alternatives, last=None, long=None)
         since_ns = next((one.since_ns for one in iso.exclusions if one.sensor is Sensor.COMPASS), None)
         if since_ns is None or alternatives:
             return iso
