@@ -20,7 +20,7 @@ SECOND = 10**9
 def trail_of(rate, seconds=1.0, step_s=0.005):
     trail = GyroTrail()
     for t in np.arange(0.0, seconds + 1e-9, step_s):
-        trail = trail.add(GyroSample(round(t * SECOND), float(rate(t))))
+        trail = trail.add(round(t * SECOND), float(rate(t)), None)
     return trail
 
 
