@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 
+from compass.agreement import DISAGREE
 from compass.features.landmarks import shows_landmarks
 from compass.features.matching import match_landmarks
-from compass.features.prior import DISAGREE, ONE_SIDED
+from compass.features.prior import ONE_SIDED
 from compass.flow.coarse_shift import OUTSIDE, PEAKS_PER_CIRCLE, coarse_shift
 from compass.flow.correlation import pooled_spectrum, signed
 from compass.images.strip import Strip

@@ -8,10 +8,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 
+from compass.agreement import DISAGREE
 from compass.angles import wrap_angle
 from compass.config import CompassConfig
 from compass.features.matching import follow_landmarks
-from compass.features.prior import DISAGREE
 from compass.images.strip import Strip
 from compass.increment import CompassStatus, YawIncrement
 from compass.methods.match import Search

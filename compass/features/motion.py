@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from compass.agreement import DISAGREE
 from compass.features.bearings import Index
-from compass.features.points import SECTORS, Floats
-from compass.features.prior import DISAGREE, INDEPENDENT
+from compass.features.points import PER_SECTOR, SECTORS, Floats
 from compass.features.solver import TINY, Fit, Problem, Start, State, ascend, even_shares
 
 DIRECTIONS = 6  # of travel that are tried where none is known: a basin of attraction is wider than 60 deg
@@ -74,8 +74,8 @@ class Motion:
         start = Start(problem.start[None], even_shares(pushed=False), np.ones(1))
         goes_on = continued is None and not self.is_unknown
         turned = ascend(problem, start, (NEXT_PX if goes_on else FIRST_PX) * per_column, pushed=False)
-        # as many deviations as two answers may differ by, neighbours erring together; a drive's first image has 16
-        stands_out = INDEPENDENT * parallax_score(turned, problem) ** 2 > DISAGREE**2
+        # those of a sector err together, as one; a drive's first image has 16
+        stands_out = parallax_score(turned, problem) ** 2 > PER_SECTOR * DISAGREE**2
         self.travels = turned.inlier.mean() < AGREE or stands_out
         if not self.travels:
             return turned
@@ -97,7 +97,7 @@ def ambiguity(yaw: Floats, log_odds: Floats, fit: Fit) -> float:
 
     `yaw` (rad) and `log_odds` against the fit are (k,) of what was tried.
     """
-    odds = np.exp(INDEPENDENT * np.minimum(log_odds, 0.0))
+    odds = np.exp(np.minimum(log_odds, 0.0) / PER_SECTOR)  # those of a sector err together, as one
     apart = (yaw - fit.states[0, State.YAW] + math.pi) % math.tau - math.pi
     return float((odds / (1.0 + odds) * apart**2).max())
 

@@ -10,12 +10,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from compass.agreement import DISAGREE
 from compass.angles import wrap_angle
 from compass.features.bearings import Projection, Tangents, undo
 from compass.features.motion import AGREE, Motion, yaw_variance
 from compass.features.padded_strip import HALF, Picture
 from compass.features.points import Floats, Patches, cut_patches, find_corners, sectors_of
-from compass.features.prior import DISAGREE, FEWEST, GAP, ONE_SIDED, imu_tilt, precision_of, tilt_error
+from compass.features.prior import FEWEST, GAP, ONE_SIDED, imu_tilt, precision_of, tilt_error
 from compass.features.solver import ROTATION, Fit, Problem, State
 from compass.features.tracking import Tracks, track
 from compass.flow.coarse_shift import CoarseShift, coarse_shift, quantile
