@@ -214,10 +214,9 @@ def _likeness_of_crossing(before: Strip, now: Strip, changed: npt.NDArray[np.boo
     shows = changed & np.roll(changed, shift)
     if (crossed & shows).sum() < 2 * BORDER_PX:  # as many on either side of the seam are blurred
         return []
-    was, is_now = np.roll(before.smoothed(UPRIGHT_ROWS), shift, axis=1), now.smoothed(UPRIGHT_ROWS)
+    was, is_now = np.roll(before.smoothed, shift, axis=1), now.smoothed
     if seen is not None:
-        merged = len(seen.pixels) // len(was)
-        world = seen.pixels[: merged * len(was)].reshape(len(was), merged, columns).min(axis=1)
+        world = np.floor(seen.smoothed)
         both = world * np.roll(world, shift, axis=1)
         was, is_now = was * both, is_now * both
     across, within = (_correlation(was[:, part], is_now[:, part]) for part in (crossed & shows, ~crossed & shows))
