@@ -83,7 +83,7 @@ class Strip:
         rows = len(self.pixels) // group
         averages = self.pixels[: rows * group].reshape(rows, group, -1).sum(axis=1)
         averages *= np.float32(1.0 / group)
-        return _softened_columns(averages)
+        return softened_columns(averages)
 
     @cached_property
     def upright_spectrum(self) -> Spectrum:
@@ -189,7 +189,7 @@ def _contrast(pixels: Pixels) -> float:
     return float(np.sqrt(np.vdot(pixels, pixels) / pixels.size))
 
 
-def _softened_columns(pixels: Pixels) -> Pixels:
+def softened_columns(pixels: Pixels) -> Pixels:
     """Columns smoothed by 1 2 1, round the circle."""
     around = cv2.copyMakeBorder(pixels, 0, 0, 1, 1, cv2.BORDER_WRAP)
     return np.ascontiguousarray(cv2.GaussianBlur(around, (3, 1), 0.0)[:, 1:-1], np.float32)

@@ -15,7 +15,7 @@ from compass.features.points import SECTORS
 from compass.flow.coarse_shift import coarse_shift, quantile
 from compass.flow.correlation import FLOOR_PX, Floats, continuous_peak, pooled_spectrum, signed
 from compass.flow.pure_turn import pooled_turn, turn_variance
-from compass.images.strip import Pixels, Strip
+from compass.images.strip import Pixels, Strip, softened_columns
 from compass.methods.match import Match, Search
 
 OVERLAP = 4  # sectors in a row share columns
@@ -93,12 +93,12 @@ def local_shifts(
     """
     columns = reference.columns
     windows = _windows(columns, sectors, overlap)
-    before, now = reference.smoothed, np.roll(current.smoothed, -coarse_px, axis=1)
+    before, now = softened_columns(reference.pixels), np.roll(softened_columns(current.pixels), -coarse_px, axis=1)
     own, scores = _lag_scores(before, now, windows)
     lag = _uphill(scores)
     inside = own > 0.0
     if reference.seen is not None and current.seen is not None:
-        both = (reference.seen.smoothed * np.roll(current.seen.smoothed, -coarse_px, axis=1)).mean(axis=0)
+        both = (reference.seen.pixels * np.roll(current.seen.pixels, -coarse_px, axis=1)).mean(axis=0)
         inside &= 2.0 * (windows @ both) > windows.sum(axis=1)  # most of a sector
     found = []
     for index in np.flatnonzero(inside):
