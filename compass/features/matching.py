@@ -24,7 +24,7 @@ from compass.features.motion import DIRECTIONS, FIRST_PX, NEXT_PX, ambiguity, ya
 from compass.features.padded_strip import MARGIN
 from compass.features.patch_alignment import align
 from compass.features.points import sectors_of
-from compass.features.prior import FEWEST, ONE_SIDED, TILT_SIGMA, imu_tilt, precision_of, tilt_error
+from compass.features.prior import FEWEST, GAP, TILT_SIGMA, imu_tilt, precision_of, tilt_error
 from compass.features.relative_pose import likely_states
 from compass.features.solver import ROTATION, Fit, Problem, Start, State, ascend
 from compass.flow.correlation import FLOOR_PX, Floats
@@ -184,7 +184,7 @@ def _matched_views(reference: Strip, current: Strip, search: Search) -> tuple[Vi
 
     Of a part of the circle travel over metres may look like any turn.
     """
-    if reference.seen is not None and reference.seen.widest_hidden > ONE_SIDED:
+    if reference.seen is not None and reference.seen.widest_hidden > GAP:
         return None
     views = Views.of(reference, current, search)
     pairs = mutual_landmarks(views.before, views.after)

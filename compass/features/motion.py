@@ -17,7 +17,8 @@ DIRECTIONS = 6  # of travel that are tried where none is known: a basin of attra
 # 0.9 and 0.95 increments of six tuned drives err by 0.0055, 0.0048 and 0.0048 deg RMS, in 2.3, 2.7 and 2.9 ms.
 AGREE = 0.9
 # Deviations added to the noise from round to round, columns, each a quarter of the one before; the last rounds are
-# without. A first start lies some columns off, one from the image before a part of one.
+# without. A first start lies two columns off, one from the image before a part of one. With 5 instead of 2 tracks of a
+# corridor that turns go astray.
 FIRST_PX = np.array([2.0, 0.5, 0.125, 0.03125, 0.0, 0.0])
 NEXT_PX = FIRST_PX[2:]
 

@@ -19,10 +19,8 @@ TILT_NOISE = 0.01
 FEWEST = 24  # corners that have to be found again, and to be inliers: five for each of a motion's unknowns
 # Of the circle without any corner. What is seen on one side only turns by as much as it is passed: of nine tuned drives
 # whose corners were left out over 0.63 of it error^2/variance is 640, over a half 5.4, over 0.38 1.7, over 0.22 1.05.
-GAP = 0.4
-# Of the circle without any corner, for a camera that does not see all round: above it, what all corners have in common
-# may be parallax. Between the 0.22 and the 0.38 of that table; views of less than 250 deg always have such a gap.
-ONE_SIDED = 0.3
+# Views of less than 240 deg always have such a gap.
+GAP = 1.0 / 3.0
 
 
 def precision_of(yaw_sigma: float = math.inf) -> Floats:
