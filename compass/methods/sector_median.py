@@ -82,6 +82,8 @@ def local_shifts(
 ) -> SectorShifts:
     """Sub-pixel shifts of overlapping sectors: of each the peak on whose slope the coarse one lies.
 
+    Sectors without texture have none, nor has an image too narrow for them.
+
     Parameters
     ----------
     coarse_px : int
@@ -92,11 +94,12 @@ def local_shifts(
         How many of them in a row share columns: so many times as wide as they are apart.
     """
     columns = reference.columns
+    if columns < sectors:
+        return SectorShifts(np.empty(0), np.empty(0), np.empty(0))
     windows = _windows(columns, sectors, overlap)
     before, now = softened_columns(reference.pixels), np.roll(softened_columns(current.pixels), -coarse_px, axis=1)
-    own, scores = _lag_scores(before, now, windows)
+    inside, scores = _lag_scores(before, now, windows)
     lag = _uphill(scores)
-    inside = own > 0.0
     if reference.seen is not None and current.seen is not None:
         both = (reference.seen.pixels * np.roll(current.seen.pixels, -coarse_px, axis=1)).mean(axis=0)
         inside &= 2.0 * (windows @ both) > windows.sum(axis=1)  # most of a sector
@@ -111,10 +114,10 @@ def local_shifts(
     return SectorShifts(*np.array(found).reshape(-1, 3).T)
 
 
-def _lag_scores(before: Pixels, now: Pixels, windows: Pixels) -> tuple[Pixels, Pixels]:
-    """(sectors,) energy of each windowed sector, 0 where there is hardly any; (sectors, columns) its correlation.
+def _lag_scores(before: Pixels, now: Pixels, windows: Pixels) -> tuple[npt.NDArray[np.bool_], Pixels]:
+    """(sectors,) whether each windowed sector has any texture; (sectors, columns) its normalised correlation.
 
-    That is normalised, for each lag to the right.
+    For each lag to the right.
     """
     columns, seen = before.shape[1], scipy.fft.rfft(now, axis=1)
     own = windows @ np.einsum("rx,rx->x", before, before)
@@ -123,7 +126,8 @@ def _lag_scores(before: Pixels, now: Pixels, windows: Pixels) -> tuple[Pixels, P
     squares = scipy.fft.rfft(np.einsum("rx,rx->x", now, now))
     energy = scipy.fft.irfft(scipy.fft.rfft(windows, axis=1).conj() * squares, columns, axis=1)
     scale = np.sqrt(np.maximum(own, least)[:, None] * np.maximum(energy, max(least, 1e-6)))
-    return np.where(own > least, own, 0.0), scipy.fft.irfft(spectra, columns, axis=1) / scale
+    level = ((before @ windows.T) ** 2).sum(axis=0) / windows.sum(axis=1)  # energy that is the same in all columns
+    return own - level > least, scipy.fft.irfft(spectra, columns, axis=1) / scale
 
 
 def _uphill(scores: Pixels) -> npt.NDArray[np.intp]:
