@@ -14,7 +14,7 @@ from compass.agreement import DISAGREE
 from compass.angles import wrap_angle
 from compass.features.bearings import Projection, Tangents, undo
 from compass.features.motion import AGREE, FIRST_PX, Motion, yaw_variance
-from compass.features.padded_strip import HALF, Picture
+from compass.features.padded_strip import HALF, MARGIN, Picture
 from compass.features.points import Floats, Patches, cut_patches, find_corners, sectors_of
 from compass.features.prior import FEWEST, GAP, imu_tilt, precision_of, tilt_error
 from compass.features.solver import ROTATION, Fit, Problem, State
@@ -28,7 +28,6 @@ from compass.increment import CompassStatus
 from compass.methods.match import Match, Search
 from compass.methods.sector_median import match_small
 
-MIN_COLUMNS = 256  # columns; with fewer a patch is larger than what it shows
 # A deviation beyond it: no motion explains the corners, they show another place. Photographs that are pushed sideways
 # only err by 0.068 deg in 44 of 54 with it, by 0.106 in all without (docs/lab-notes/constants-2026-11-29.md).
 UNRELATED_PX = 0.18
@@ -73,7 +72,7 @@ class CornerTracker:
 
     def __call__(self, reference: Strip, current: Strip, search: Search) -> Match:
         """How the current strip lies on the reference, see `compass.match.Match`."""
-        if reference.columns < MIN_COLUMNS or len(reference.pixels) < 4 * HALF:
+        if reference.columns <= 2 * MARGIN or len(reference.pixels) < 4 * HALF:  # no room for patches and their ways
             return match_small(reference, current, search)
         projection = Projection.of(reference, search.forward_px)
         key = self._keyframe_of(reference, projection)
