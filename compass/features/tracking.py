@@ -24,7 +24,8 @@ Index = npt.NDArray[np.intp]
 
 LONGEST_CORRECTION_PX = 1.0  # pixels by which it may move a track in all
 # Of the corners, or they are sought with more levels of the pyramid: with a half a walk at 2 Hz ends 1.9 deg off
-# instead of 1.1 (docs/lab-notes/constants-2026-11-29.md).
+# instead of 1.1 (docs/lab-notes/constants-2026-11-29.md); with 0.9 held-out drives err as much, and
+# an update takes a twentieth more (docs/lab-notes/constants-2026-11-30.md).
 ENOUGH = 0.7
 # OpenCV's default is 30 rounds to 0.01 pixels; with that increments err by 1.13 times as much
 # (docs/lab-notes/constants-2026-11-29.md).
