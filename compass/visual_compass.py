@@ -32,9 +32,9 @@ from compass.unmeasured_turn import LostTurn, LostTurns
 
 UpAt = Callable[[int], Vector | None]
 
-FROZEN_NS = SECOND_NS // 2  # a camera never gives the very same image for so long; a video may, frame by frame
-
-SEEK_NS = 300_000_000  # a view so old is sought by its corners, and so often: it takes as long as ten comparisons
+# A camera never gives the very same image for so long; a video may, frame by frame. A view so old is sought by its
+# corners, and so often: it takes as long as ten comparisons.
+FROZEN_NS = SECOND_NS // 2
 
 
 class VisualCompass:
@@ -167,7 +167,7 @@ class VisualCompass:
             match = self._compare(self._keyframe, strip)
         self.status = self._judge_match(match)
         gap_ns = strip.t_ns - self._last.t_ns
-        if self.status is not CompassStatus.OK or (gap_ns > SEEK_NS and self.history.misses_images(gap_ns)):
+        if self.status is not CompassStatus.OK or (gap_ns > FROZEN_NS and self.history.misses_images(gap_ns)):
             across = self._across_gap(self._last, self._keyframe, strip, match)
             if across is None:
                 self._give_up_keyframe(strip)
@@ -258,7 +258,7 @@ class VisualCompass:
             return match
         if matched:
             self.status = CompassStatus.AMBIGUOUS
-        early = strip.t_ns - max(last.t_ns, self._sought_ns) < SEEK_NS
+        early = strip.t_ns - max(last.t_ns, self._sought_ns) < FROZEN_NS
         if early or not (self.config.find_again and self._long_baseline):
             return None
         self._sought_ns, search = strip.t_ns, self._search(keyframe, strip)

@@ -11,10 +11,11 @@ import pytest
 from panoramas import START_NS, as_bytes, compare, scene, seen_from, shifted, show
 
 from compass import CompassConfig, CompassStatus, ConfigError, VisualCompass
+from compass.features.points import SECTORS
 from compass.images.mask import load_mask
 from compass.images.strip import prepare_strip
 from compass.images.unwrap import BORDER_PX
-from compass.methods.sector_median import REACH_PX, local_shifts
+from compass.methods.sector_median import local_shifts
 
 WIDTH = 1024
 METHODS = ("rows", "sectors", "corners")
@@ -59,11 +60,12 @@ def test_masked_masts_do_not_hold_a_turn_back(masts, method, columns):
     # whole columns for the paper's method; else noise of 1 on a scene of 7 leaves 0.01, the mask's edges as much
     tolerance = 0.55 if method == "rows" else 0.05
     assert turn_px(faint(), columns, masts, method) == pytest.approx(columns, abs=tolerance)
-    if method == "rows" or abs(columns) > REACH_PX:  # without a mask they do, where sectors look about the coarse shift
+    # without a mask they do; nearer, sectors climb to their own way from the coarse shift
+    if method == "rows" or abs(columns) > WIDTH / SECTORS:
         yaw_lead = turn_px(faint(), columns, "", method)
         # its sectors may disagree; in one scene of four it says so; corners have not been held back yet
         if method != "corners":
-            assert abs(yaw_lead) < 0.5 * abs(columns)
+            assert abs(yaw_lead) < 0.75 * abs(columns)  # some sectors climb to their own way from the coarse shift
 
 
 @pytest.mark.parametrize("distance", [4.0, 40.0])
@@ -150,7 +152,7 @@ def test_mask_sectors_that_show_the_robot_give_no_answer(masts):
     config, image = CompassConfig(mask=masts), scene(1, WIDTH, WIDTH // 2)
     mask, images = load_mask(config), (with_masts(image), with_masts(shifted(image, 2.0)))
     before, now = (prepare_strip(0, as_bytes(one), config, "", mask) for one in images)
-    sectors = local_shifts(before, now, 0, 64, 32.0)
+    sectors = local_shifts(before, now, 0, 64, 2)
     centre, half = MASTS[1]
     distance = np.abs(sectors.centre_px - centre)
     assert distance.min() > half  # a window centred on the pole's edge shows, with the margin, mostly the pole

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 
+from compass.agreement import DISAGREE
 from compass.features.landmarks import shows_landmarks
 from compass.features.matching import match_landmarks
-from compass.features.prior import DISAGREE, ONE_SIDED
+from compass.features.prior import GAP
 from compass.flow.coarse_shift import OUTSIDE, PEAKS_PER_CIRCLE, coarse_shift
 from compass.flow.correlation import pooled_spectrum, signed
 from compass.images.strip import Strip
@@ -20,7 +21,7 @@ def is_confirmed(match: Match, reference: Strip, current: Strip, search: Search)
     Corners say nothing where the place repeats itself (`match_landmarks`), rows where they correlate half as much
     somewhere else.
     """
-    if shows_landmarks(reference) and (reference.seen is None or reference.seen.widest_hidden <= ONE_SIDED):
+    if shows_landmarks(reference) and (reference.seen is None or reference.seen.widest_hidden <= GAP):
         again = match_landmarks(reference, current, search)
         status, shift = again.status, again.shift_px
         reach = DISAGREE * math.sqrt(match.variance_px2 + again.variance_px2)

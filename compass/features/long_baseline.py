@@ -8,10 +8,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 
+from compass.agreement import DISAGREE
 from compass.angles import wrap_angle
 from compass.config import CompassConfig
 from compass.features.matching import follow_landmarks
-from compass.features.prior import DISAGREE
+from compass.flow.correlation import FLOOR_PX
 from compass.images.strip import Strip
 from compass.increment import CompassStatus, YawIncrement
 from compass.methods.match import Search
@@ -21,11 +22,6 @@ Comparison = Callable[[], YawIncrement | None]
 # No further back: four seconds apart single pairs of views in a narrow passage are degrees off, at one second none is
 # (docs/lab-notes/gaps-2026-11-28.md); and the filter remembers the yaw of so long ago (`reference_window`).
 OLDEST_NS = 4_000_000_000
-# rad, deviation of an increment above which the view is given up for a newer one. With 0.006, 0.012, 0.024 deg and
-# without any, long baselines of five held-out drives err by 0.027, 0.028, 0.030, 0.044 deg.
-MAX_VIEW_SIGMA = math.radians(0.012)
-# rad, beyond which it contradicts the increments between; wrong minima of narrow passages are 0.9 to 1.6 deg off
-INCONSISTENT = math.radians(0.15)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -76,16 +72,19 @@ class LongBaselines:
         """Turn from one view to the other, if the latter still shows enough of the former."""
         per_px, forward_px = math.tau / now.strip.columns, config.forward_column * now.strip.columns
         expected = now.yaw - view.yaw
-        reach = math.hypot(INCONSISTENT, DISAGREE * math.sqrt(abs(now.variance - view.variance)))
+        # either view errs by itself, too, where both were compared with one keyframe
+        between = abs(now.variance - view.variance) + 2.0 * (FLOOR_PX * per_px) ** 2
+        reach = DISAGREE * math.sqrt(between)
         match = follow_landmarks(view.strip, now.strip, Search(expected / per_px, reach / per_px, forward_px))
         turn, variance = match.shift_px * per_px, match.variance_px2 * per_px**2
         tilts, yaw = view.tilts, view.tilts.after(turn, match.tilt)[1]
         if now.strip.up is not None:
             tilts, yaw = now.tilts.before(turn, match.tilt)
-        refused = match.status is not CompassStatus.OK or abs(wrap_angle(yaw - expected)) > reach
+        apart = wrap_angle(yaw - expected) ** 2
+        refused = match.status is not CompassStatus.OK or apart > DISAGREE**2 * (between + variance)
         old = now.strip.t_ns - view.strip.t_ns > OLDEST_NS - config.long_baseline_interval * 1e9
         with self._moving:
-            if self._view is view and (refused or old or variance > MAX_VIEW_SIGMA**2):
+            if self._view is view and (refused or old or variance > between):  # the increments are as good
                 self._view = now
         if refused:
             return None

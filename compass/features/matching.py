@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import rel_entr
 
+from compass.agreement import ALIKE, DISAGREE
 from compass.angles import wrap_angle
 from compass.features.bearings import Projection, Tangents
 from compass.features.landmarks import Indices, Landmarks, landmarks_of, look_alikes, mutual_landmarks, two_nearest
@@ -23,10 +24,9 @@ from compass.features.motion import DIRECTIONS, FIRST_PX, NEXT_PX, ambiguity, ya
 from compass.features.padded_strip import MARGIN
 from compass.features.patch_alignment import align
 from compass.features.points import sectors_of
-from compass.features.prior import DISAGREE, FEWEST, ONE_SIDED, TILT_SIGMA, imu_tilt, precision_of, tilt_error
+from compass.features.prior import FEWEST, GAP, TILT_SIGMA, imu_tilt, precision_of, tilt_error
 from compass.features.relative_pose import likely_states
 from compass.features.solver import ROTATION, Fit, Problem, Start, State, ascend
-from compass.features.tracking import MIN_LIKENESS
 from compass.flow.correlation import FLOOR_PX, Floats
 from compass.images.strip import Strip
 from compass.methods.match import Match, Search
@@ -74,7 +74,7 @@ class Views:
             self.before.picture.soft, self.after.picture.soft, one + margin, other + margin
         )
         found -= margin
-        kept = likeness > MIN_LIKENESS
+        kept = likeness > ALIKE
         return self._corners(one[kept], found[kept], covariance[kept][:, [0, 0, 1], [0, 1, 1]])
 
     def _corners(self, one: Floats, other: Floats, covariance: Floats) -> Corners:
@@ -184,7 +184,7 @@ def _matched_views(reference: Strip, current: Strip, search: Search) -> tuple[Vi
 
     Of a part of the circle travel over metres may look like any turn.
     """
-    if reference.seen is not None and reference.seen.widest_hidden > ONE_SIDED:
+    if reference.seen is not None and reference.seen.widest_hidden > GAP:
         return None
     views = Views.of(reference, current, search)
     pairs = mutual_landmarks(views.before, views.after)

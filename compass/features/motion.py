@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from compass.agreement import DISAGREE
 from compass.features.bearings import Index
-from compass.features.points import SECTORS, Floats
-from compass.features.prior import DISAGREE, INDEPENDENT
+from compass.features.points import PER_SECTOR, SECTORS, Floats
 from compass.features.solver import TINY, Fit, Problem, Start, State, ascend, even_shares
 
 DIRECTIONS = 6  # of travel that are tried where none is known: a basin of attraction is wider than 60 deg
@@ -17,7 +17,8 @@ DIRECTIONS = 6  # of travel that are tried where none is known: a basin of attra
 # 0.9 and 0.95 increments of six tuned drives err by 0.0055, 0.0048 and 0.0048 deg RMS, in 2.3, 2.7 and 2.9 ms.
 AGREE = 0.9
 # Deviations added to the noise from round to round, columns, each a quarter of the one before; the last rounds are
-# without. A first start lies some columns off, one from the image before a part of one.
+# without. A first start lies two columns off, one from the image before a part of one. With 5 instead of 2 tracks of a
+# corridor that turns go astray.
 FIRST_PX = np.array([2.0, 0.5, 0.125, 0.03125, 0.0, 0.0])
 NEXT_PX = FIRST_PX[2:]
 
@@ -74,8 +75,8 @@ class Motion:
         start = Start(problem.start[None], even_shares(pushed=False), np.ones(1))
         goes_on = continued is None and not self.is_unknown
         turned = ascend(problem, start, (NEXT_PX if goes_on else FIRST_PX) * per_column, pushed=False)
-        # as many deviations as two answers may differ by, neighbours erring together; a drive's first image has 16
-        stands_out = INDEPENDENT * parallax_score(turned, problem) ** 2 > DISAGREE**2
+        # those of a sector err together, as one; a drive's first image has 16
+        stands_out = parallax_score(turned, problem) ** 2 > PER_SECTOR * DISAGREE**2
         self.travels = turned.inlier.mean() < AGREE or stands_out
         if not self.travels:
             return turned
@@ -97,7 +98,7 @@ def ambiguity(yaw: Floats, log_odds: Floats, fit: Fit) -> float:
 
     `yaw` (rad) and `log_odds` against the fit are (k,) of what was tried.
     """
-    odds = np.exp(INDEPENDENT * np.minimum(log_odds, 0.0))
+    odds = np.exp(np.minimum(log_odds, 0.0) / PER_SECTOR)  # those of a sector err together, as one
     apart = (yaw - fit.states[0, State.YAW] + math.pi) % math.tau - math.pi
     return float((odds / (1.0 + odds) * apart**2).max())
 

@@ -8,14 +8,18 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from compass.agreement import DISAGREE
 from compass.images.strip import Pixels, Strip
 
 Grey = npt.NDArray[np.uint8]
 
-HALF = 5  # pixels from the middle of a corner's patch to its edge
+# Pixels from the middle of a corner's patch to its edge; with 4 and 7 held-out drives' increments err by 1.07 and 1.03
+# times as much, their raw yaw by 1.1 and 1.9 (docs/lab-notes/constants-2026-11-30.md).
+HALF = 5
 MIN_CONTRAST = 1e-3  # grey values of 255; keeps finite what has no gradient, and at its start
 MARGIN = 64  # columns of the other end on either side: a patch and the longest way of one fit
-CONTRAST, MIDDLE = 45.0, 115.0  # of every picture, so that few pixels of a scene leave 0..255
+MIDDLE = 0.5 * 255.0  # of every picture's grey values
+CONTRAST = MIDDLE / DISAGREE  # and their deviation, so that few of them leave 0..255
 # across neighbours, a deviation of 0.6 pixels: interpolation between sharp pixels pulls tracks to whole columns
 SOFT = cv2.getGaussianKernel(3, 0.6, cv2.CV_32F)
 

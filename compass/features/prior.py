@@ -13,16 +13,14 @@ from compass.tilt import tilt_between
 # rad, how far a ground is off level: tilt of the scene between two views beside what an IMU measures, and climb of the
 # direction of travel against the camera's level
 TILT_SIGMA = math.radians(3.0)
-TILT_NOISE, UNKNOWN_TILT = 0.01, 0.045  # rad, error of the tilt in what it does to a yaw, with an IMU and without
-DISAGREE = 3.0  # deviations by which two answers to one question may differ
+# rad, error of the tilt in what it does to a yaw, with an IMU: two rotations in either order differ by half of their
+# product, and `tilt_sigma` is 0.02
+TILT_NOISE = 0.01
 FEWEST = 24  # corners that have to be found again, and to be inliers: five for each of a motion's unknowns
-INDEPENDENT = 0.25  # share of the corners that err by themselves, as neighbours err together; not derived
 # Of the circle without any corner. What is seen on one side only turns by as much as it is passed: of nine tuned drives
 # whose corners were left out over 0.63 of it error^2/variance is 640, over a half 5.4, over 0.38 1.7, over 0.22 1.05.
-GAP = 0.4
-# Of the circle without any corner, for a camera that does not see all round: above it, what all corners have in common
-# may be parallax. Between the 0.22 and the 0.38 of that table; views of less than 250 deg always have such a gap.
-ONE_SIDED = 0.3
+# Views of less than 240 deg always have such a gap.
+GAP = 1.0 / 3.0
 
 
 def precision_of(yaw_sigma: float = math.inf) -> Floats:
@@ -42,4 +40,4 @@ def tilt_error(reference: Strip, tilt: tuple[float, float]) -> float:
 
     See `compass.tilt`.
     """
-    return (UNKNOWN_TILT if reference.up is None else TILT_NOISE) * math.hypot(*tilt)
+    return (TILT_SIGMA if reference.up is None else TILT_NOISE) * math.hypot(*tilt)

@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from compass.agreement import ALIKE
 from compass.features.padded_strip import HALF, MARGIN, Picture
 from compass.features.points import SIDE, WINDOW, Patches, levelled, sample
 from compass.flow.correlation import FLOOR_PX
@@ -23,14 +24,12 @@ Index = npt.NDArray[np.intp]
 
 LONGEST_CORRECTION_PX = 1.0  # pixels by which it may move a track in all
 # Of the corners, or they are sought with more levels of the pyramid: with a half a walk at 2 Hz ends 1.9 deg off
-# instead of 1.1 (docs/lab-notes/constants-2026-11-29.md).
+# instead of 1.1 (docs/lab-notes/constants-2026-11-29.md); with 0.9 held-out drives err as much, and
+# an update takes a twentieth more (docs/lab-notes/constants-2026-11-30.md).
 ENOUGH = 0.7
 # OpenCV's default is 30 rounds to 0.01 pixels; with that increments err by 1.13 times as much
 # (docs/lab-notes/constants-2026-11-29.md).
 STOP = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 10, 0.03)
-# Normalised correlation of a patch with what it is found as; with 0.7 and 0.92 long baselines are better here and worse
-# there (docs/lab-notes/compass-2026-11-27.md).
-MIN_LIKENESS = 0.8
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -111,7 +110,7 @@ def _tracked(before: Picture, patches: Patches, now: Picture, guess: Pixels, lev
         at[again] = np.clip(finer, rough[again] - LONGEST_CORRECTION_PX, rough[again] + LONGEST_CORRECTION_PX)
     likeness = np.sqrt(np.maximum(1.0 - left / patches.contrast[index] ** 2, 0.0))
     of_mean = np.float32(WINDOW @ WINDOW)  # variance of a weighted mean of pixels, of that of one
-    return Tracks(index, at, left * of_mean, likeness, now.columns).some(likeness > MIN_LIKENESS)
+    return Tracks(index, at, left * of_mean, likeness, now.columns).some(likeness > ALIKE)
 
 
 def _aligned(patches: Patches, index: Index, now: Picture, at: Pixels) -> tuple[Pixels, Pixels]:

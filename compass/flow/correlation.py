@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 import scipy.fft
 
-from compass.images.strip import UPRIGHT_ROWS, Strip
+from compass.images.strip import Strip
 
 Floats = npt.NDArray[np.floating]
 # Columns by which a shift errs beside its noise: interpolation and compression pull it to the grid. Corners of
@@ -68,7 +68,7 @@ def pooled_spectrum(reference: Strip, current: Strip) -> npt.NDArray[np.complex6
 
 def upright_spectrum(reference: Strip, current: Strip) -> npt.NDArray[np.complex64]:
     """The same of fewer rows: not as precise, and several times as quick."""
-    before, now = reference.smoothed(UPRIGHT_ROWS), current.smoothed(UPRIGHT_ROWS)
+    before, now = reference.smoothed, current.smoothed
     energy = math.sqrt(float(np.vdot(before, before)) * float(np.vdot(now, now)))
     spectrum = (reference.upright_spectrum.conj() * current.upright_spectrum).sum(axis=0)
     return spectrum / np.float32(max(energy, 1e-12))  # type: ignore[no-any-return]

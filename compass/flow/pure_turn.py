@@ -47,6 +47,8 @@ def _bands_apart(spectrum: Spectrum, columns: int, peak: Peak, bound: float) -> 
     slope = np.add.reduceat(omega * wave.imag, edges)[:-1]  # of the band's correlation, where all of them are best
     bend = np.add.reduceat(omega**2 * wave.real, edges)[:-1]
     informative = bend > NEGLIGIBLE_BAND * bend.sum()
+    if not informative.any():  # an image of a few columns has no bands
+        return 0.0
     between = float((slope[informative] ** 2 / bend[informative]).sum() / bend[informative].sum())
     free = np.count_nonzero(informative) - 1
     excess = between - free * bound

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 Weights = npt.NDArray[np.float32]
 
-MAST = 0.1  # of the circle, hidden in one piece: a mast or a cable hides less
+MAST = 0.1  # of the circle, hidden in one piece: a mast or a cable hides less; chosen, not measured
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 
 import cv2
@@ -23,7 +23,6 @@ from compass.tilt import Vector
 Pixels = npt.NDArray[np.float32]
 Spectrum = npt.NDArray[np.complex64]
 
-SMOOTHED_ROWS = 40
 UPRIGHT_ROWS = 24  # what rises or sinks by less than such a row does not disturb how far it moved sideways
 MIN_TEXTURE = 1.1  # grey values of 255; camera noise of 4 alone leaves 0.9 at 1024 columns
 
@@ -61,7 +60,6 @@ class Strip:
     seen: Seen | None = None
     means: Pixels | float = 0.0
     up: Vector | None = None
-    _averages: dict[int, Pixels] = field(default_factory=dict, init=False)
 
     @property
     def columns(self) -> int:
@@ -78,31 +76,25 @@ class Strip:
         """Complex conjugate of `spectrum`."""
         return np.conj(self.spectrum)
 
-    def smoothed(self, at_most: int = SMOOTHED_ROWS) -> Pixels:
-        """(at most so many, columns) rows averaged in groups, and columns by 1 2 1: sectors compare these.
-
-        Without the highest frequencies a spline through the correlation at whole lags errs by thousandths of a
-        column, with them by hundredths.
-        """
-        if at_most not in self._averages:
-            group = _group(len(self.pixels), at_most)
-            rows = len(self.pixels) // group
-            averages = self.pixels[: rows * group].reshape(rows, group, -1).sum(axis=1)
-            averages *= np.float32(1.0 / group)
-            self._averages[at_most] = _softened_columns(averages)
-        return self._averages[at_most]
+    @cached_property
+    def smoothed(self) -> Pixels:
+        """(at most `UPRIGHT_ROWS`, columns) rows averaged in groups, and columns by 1 2 1."""
+        group = _merged(len(self.pixels))
+        rows = len(self.pixels) // group
+        averages = self.pixels[: rows * group].reshape(rows, group, -1).sum(axis=1)
+        averages *= np.float32(1.0 / group)
+        return softened_columns(averages)
 
     @cached_property
     def upright_spectrum(self) -> Spectrum:
-        """(rows, columns // 2 + 1) Fourier transform of each row of `smoothed(UPRIGHT_ROWS)`."""
-        return scipy.fft.rfft(self.smoothed(UPRIGHT_ROWS), axis=1)  # type: ignore[no-any-return]
+        """(rows, columns // 2 + 1) Fourier transform of each row of `smoothed`."""
+        return scipy.fft.rfft(self.smoothed, axis=1)  # type: ignore[no-any-return]
 
     @cached_property
     def texture(self) -> float:
-        """Standard deviation of `smoothed(UPRIGHT_ROWS)`, grey values of 255: of the scene, hardly of the noise."""
-        smoothed = self.smoothed(UPRIGHT_ROWS)
-        size = smoothed.size * (1.0 if self.seen is None else self.seen.share)
-        return float(np.sqrt(np.vdot(smoothed, smoothed) / max(size, 1.0)))
+        """Standard deviation of `smoothed`, grey values of 255: of the scene, hardly of the noise."""
+        size = self.smoothed.size * (1.0 if self.seen is None else self.seen.share)
+        return float(np.sqrt(np.vdot(self.smoothed, self.smoothed) / max(size, 1.0)))
 
 
 def prepare_strip(
@@ -137,7 +129,7 @@ def prepare_strip(
     if mask is not None:
         first = _top(image.shape[0], config)
         cut = slice(first, first + rows * merged)
-        seen = mask.seen(image.shape, cut, rows, columns, _group(rows, SMOOTHED_ROWS))
+        seen = mask.seen(image.shape, cut, rows, columns, _merged(rows))
     small, means = _without_row_means(small, seen)
     per_row = math.tau / width  # square pixels
     above = config.horizon_row * image.shape[0] - _top(image.shape[0], config)
@@ -161,7 +153,7 @@ def _unwrapped(
     how = unwrapping(projection, (height, width), region, config.columns, config.rows)
     small = how.strip(_grey(image[how.cut], encoding, oriented))
     _scale(small, image)
-    merged = _group(how.rows, SMOOTHED_ROWS)
+    merged = _merged(how.rows)
     seen = how.seen(merged) if mask is None else mask.seen_through(how, (height, width), merged)
     small, means = _without_row_means(small, seen)
     return Strip(t_ns, small, _contrast(small), image.shape, how.top, how.row_height, seen, means, up)
@@ -197,15 +189,15 @@ def _contrast(pixels: Pixels) -> float:
     return float(np.sqrt(np.vdot(pixels, pixels) / pixels.size))
 
 
-def _softened_columns(pixels: Pixels) -> Pixels:
+def softened_columns(pixels: Pixels) -> Pixels:
     """Columns smoothed by 1 2 1, round the circle."""
     around = cv2.copyMakeBorder(pixels, 0, 0, 1, 1, cv2.BORDER_WRAP)
     return np.ascontiguousarray(cv2.GaussianBlur(around, (3, 1), 0.0)[:, 1:-1], np.float32)
 
 
-def _group(rows: int, at_most: int) -> int:
-    """How many of so many rows have to be averaged for at most so many to be left."""
-    return -(-rows // at_most)
+def _merged(rows: int) -> int:
+    """How many of so many rows have to be averaged for at most `UPRIGHT_ROWS` to be left."""
+    return -(-rows // UPRIGHT_ROWS)
 
 
 def _region(image: Image, config: CompassConfig) -> Image:

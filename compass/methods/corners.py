@@ -10,12 +10,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from compass.agreement import DISAGREE
 from compass.angles import wrap_angle
 from compass.features.bearings import Projection, Tangents, undo
-from compass.features.motion import AGREE, Motion, yaw_variance
-from compass.features.padded_strip import HALF, Picture
+from compass.features.motion import AGREE, FIRST_PX, Motion, yaw_variance
+from compass.features.padded_strip import HALF, MARGIN, Picture
 from compass.features.points import Floats, Patches, cut_patches, find_corners, sectors_of
-from compass.features.prior import DISAGREE, FEWEST, GAP, ONE_SIDED, imu_tilt, precision_of, tilt_error
+from compass.features.prior import FEWEST, GAP, imu_tilt, precision_of, tilt_error
 from compass.features.solver import ROTATION, Fit, Problem, State
 from compass.features.tracking import Tracks, track
 from compass.flow.coarse_shift import CoarseShift, coarse_shift, quantile
@@ -27,11 +28,6 @@ from compass.increment import CompassStatus
 from compass.methods.match import Match, Search
 from compass.methods.sector_median import match_small
 
-MIN_COLUMNS = 256  # columns; with fewer a patch is larger than what it shows
-# Pixels from image to image; corners that move by less are expected to go on so, and need no pyramid, which saves a
-# tenth of an update. RMS of 16 drives with it, without, and without pyramid all the same: 0.034, 0.031, 0.039 deg; with
-# 5 tracks of a corridor that turns went astray.
-STEADY_PX = 2.0
 # A deviation beyond it: no motion explains the corners, they show another place. Photographs that are pushed sideways
 # only err by 0.068 deg in 44 of 54 with it, by 0.106 in all without (docs/lab-notes/constants-2026-11-29.md).
 UNRELATED_PX = 0.18
@@ -76,7 +72,7 @@ class CornerTracker:
 
     def __call__(self, reference: Strip, current: Strip, search: Search) -> Match:
         """How the current strip lies on the reference, see `compass.match.Match`."""
-        if reference.columns < MIN_COLUMNS or len(reference.pixels) < 4 * HALF:
+        if reference.columns <= 2 * MARGIN or len(reference.pixels) < 4 * HALF:  # no room for patches and their ways
             return match_small(reference, current, search)
         projection = Projection.of(reference, search.forward_px)
         key = self._keyframe_of(reference, projection)
@@ -181,7 +177,9 @@ def _tracked(
     predicted = projection.pixels(rotation @ key.tangents.ahead) - key.patches.centre
     rotated = predicted - key.predicted
     expected = key.last + np.stack([signed(rotated[:, 0], now.columns), rotated[:, 1]], axis=1)
-    steady = not key.motion.is_unknown and quantile(np.maximum(*np.abs(key.pace).T), AGREE) < STEADY_PX
+    # who moves by less than a first guess may be off is expected to go on so, and needs no pyramid: RMS of 16 drives
+    # with that rule, with a pyramid always, and never: 0.034, 0.031, 0.039 deg; it saves a tenth of an update
+    steady = not key.motion.is_unknown and quantile(np.maximum(*np.abs(key.pace).T), AGREE) < FIRST_PX[0]
     guess = expected + key.pace if steady else expected
     tracks = track(key.picture, key.patches, now, guess.astype(np.float32), 0 if steady else 1)
     if now.clear is not None:
@@ -223,7 +221,7 @@ def _judged(key: Keyframe, tracks: Tracks, fit: Fit, problem: Problem, match: Ma
         status = CompassStatus.LOW_CONFIDENCE
     variance += (tilt_error(key.picture.strip, (tilt_x, tilt_y)) / px) ** 2
     judged = Match(wrap_angle(yaw) / px, variance, match.confidence, status, match.spread_px, (tilt_x, tilt_y))
-    if _sees_part(key.picture.strip) and _widest_gap(tracks.at[:, 0], tracks.columns) > ONE_SIDED:
+    if _sees_part(key.picture.strip) and _widest_gap(tracks.at[:, 0], tracks.columns) > GAP:
         judged = replace(judged, variance_px2=variance + _common_parallax(key, problem, judged) ** 2)
     return judged
 

@@ -125,7 +125,7 @@ def _sector_shifts(pairs: Iterable[tuple[Frame, Frame]], config: CompassConfig) 
     mask = load_mask(config)
     for one, other in pairs:
         strips = [prepare_strip(frame.t_ns, frame.image, config, frame.encoding, mask) for frame in (one, other)]
-        found = local_shifts(strips[0], strips[1], 0, 64, 32.0)
+        found = local_shifts(strips[0], strips[1], 0, 64, 2)
         scale = config.columns / strips[0].columns
         yield replace(found, centre_px=found.centre_px * scale)
 

@@ -172,7 +172,7 @@ MUTANTS = (
     Mutant(
         "corners-on-one-side-suffice",
         "compass/features/prior.py",
-        "GAP = 0.4",
+        "GAP = 1.0 / 3.0",
         "GAP = 1.0",
         _tests("test_compass_corners::test_corners_on_one_side_only_are_not_believed"),
     ),
