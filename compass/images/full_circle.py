@@ -18,7 +18,6 @@ import numpy as np
 import numpy.typing as npt
 import scipy.fft
 
-from compass.agreement import ALIKE
 from compass.flow.coarse_shift import PEAKS_PER_CIRCLE
 from compass.images.decode import Image, to_grey
 from compass.images.seen import MAST
@@ -36,9 +35,10 @@ DARK = 16.0  # grey values of 255: black of video (ITU-R BT.601), as corners are
 # step across the seam at most 0.09, and 0.25 for an imperfect seam / 0.78 to 1.2, and 0.55 to 1.0; correlation of the
 # halves at most 0.22 / 0.64 to 0.94 where the circle is shown twice.
 HALFWAY = 0.5
-# And `ALIKE`, of what crosses the seam, than which three of four views have less: at least 1.00, in eight simulated
-# drives, too / at most 0.84 in 17 of 20 of halves, 13 of 15 of three quarters, 13 of 14 of nine tenths, 11 of 14 of 350
-# deg. What stays in the picture must itself be so alike: with 0.5 a full circle in fog came to 0.86.
+# Likeness of what crosses the seam, than which three of four views have less: at least 1.00, in eight simulated drives,
+# too / at most 0.84 in 17 of 20 of halves, 13 of 15 of three quarters, 13 of 14 of nine tenths, 11 of 14 of 350 deg.
+# What stays in the picture must itself be so alike: with 0.5 a full circle in fog came to 0.86.
+CROSSES = 0.85
 TURN_FACTOR_SIGMA = 0.5  # of the turns it shows: of half a circle half is true, two of them show half of it
 
 
@@ -92,7 +92,7 @@ class CircleVerdict:
             return f"two pictures lie side by side that do not join in the middle ({self._step(self.middle)})"
         if self.seam > HALFWAY:
             return f"their left and right ends do not join ({self._step(self.seam)})"
-        if self.crossing < ALIKE:
+        if self.crossing < CROSSES:
             return (
                 "what leaves at one end does not come in at the other, so that their ends do not join"
                 f" (a likeness of {self.crossing:.2f}; 1: as of what stays in the picture)"
@@ -221,7 +221,7 @@ def _likeness_of_crossing(before: Strip, now: Strip, changed: npt.NDArray[np.boo
         both = world * np.roll(world, shift, axis=1)
         was, is_now = was * both, is_now * both
     across, within = (_correlation(was[:, part], is_now[:, part]) for part in (crossed & shows, ~crossed & shows))
-    return [across / within] if within > ALIKE else []
+    return [across / within] if within > CROSSES else []
 
 
 def _correlation(one: Pixels, other: Pixels) -> float:
