@@ -114,6 +114,12 @@ def test_imports_unknown_name_is_an_attribute_error():
         compass.nothing  # noqa: B018
 
 
+def runs(code):
+    """Run it in a process of its own, which has imported nothing yet."""
+    result = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert result.returncode == 0, result.stderr
+
+
 def test_imports_of_the_filter_leave_scipy_stats_to_who_uses_it():
     code = (
         "import sys\n"
@@ -126,8 +132,7 @@ def test_imports_of_the_filter_leave_scipy_stats_to_who_uses_it():
         "assert filterpy.stats is sys.modules['filterpy.stats'] and gaussian is filterpy.stats.gaussian\n"
         "assert 'scipy.stats' in sys.modules\n"
     )
-    result = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False)
-    assert result.returncode == 0, result.stderr
+    runs(code)
 
 
 def test_imports_of_the_filter_take_what_somebody_has_imported_before():
@@ -137,8 +142,7 @@ def test_imports_of_the_filter_take_what_somebody_has_imported_before():
         "import fusion.state.ekf, sys\n"
         "assert before is filterpy.stats is sys.modules['filterpy.stats'] and before.gaussian\n"
     )
-    result = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False)
-    assert result.returncode == 0, result.stderr
+    runs(code)
 
 
 @pytest.mark.parametrize("node", ["fusion_node", "compass_node"])
@@ -147,8 +151,7 @@ def test_imports_of_a_node_are_what_it_uses(node):
     pytest.importorskip("rclpy", reason="rclpy is not installed: pip install '.[ros]'")
     hidden = ["rosbags", "matplotlib", "click", "rich", "platformdirs", "fusion.offline", "fusion.simulation"]
     code = f"import sys\nfor name in {hidden!r}:\n    sys.modules[name] = None\nimport nodes.{node}\n"
-    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-    assert result.returncode == 0, result.stderr
+    runs(code)
 
 
 @pytest.mark.parametrize("command", [["-m", "nodes.fusion_node"], ["nodes/executables/fusion_node"]])
