@@ -30,16 +30,22 @@ ONE, DOUBT, TWO = 0.3, 0.5, 3.0
 DETRENDED = 15.0  # a random walk less its straight line has a fifteenth of its last variance on average
 THIRD = 20.0  # times the variance of white noise has its third difference, in which a turn cancels
 LOUDEST = 4.0  # times the known variance; a third difference beyond is no noise, but a start
+# rad/s; IMUs of robots scatter by more. A quieter gyro is a simulated one, and odometry without any error is as near.
+QUIETEST = 5e-4
 
 
 class Point(NamedTuple):
-    """Time (s) and what the two have turned by since they were first compared, rad; the gyro's rate and noise then."""
+    """Time (s) and what the two have turned by since they were first compared, rad; the gyro's rate and noise then.
+
+    `quiet`: what that noise would be of the quietest gyro, rad^2.
+    """
 
     t: float
     gyro: float
     tracks: float
     rate: float
     noise: float
+    quiet: float
 
 
 @record
@@ -54,8 +60,9 @@ class CommonSource:
         Stamp of the newest gyro sample.
     rates : tuple of float
         Of the gyro's last samples, rad/s, the newest last.
-    angle, noise : float
-        Integral of its rate, rad, and the variance that its noise gives to that, as its samples scatter, rad^2.
+    angle, noise, quiet : float
+        Integral of its rate, rad, and the variance that its noise gives to that, as its samples scatter, rad^2; and
+        what that would be of the quietest gyro.
     odometry : OdometrySample or None
         The newest.
     turned : float
@@ -73,6 +80,7 @@ class CommonSource:
     rates: tuple[float, ...] = ()
     angle: float = 0.0
     noise: float = 0.0
+    quiet: float = 0.0
     odometry: OdometrySample | None = None
     turned: float = 0.0
     waiting: tuple[int, float] | None = None
@@ -95,6 +103,7 @@ class CommonSource:
             (*rates, rate),
             self.angle + 0.5 * (self.rates[-1] + rate) * seconds,
             self.noise + scatter * seconds * seconds,
+            self.quiet + (QUIETEST * seconds) ** 2,
             self.odometry,
             self.turned,
             known.waiting,
@@ -106,7 +115,7 @@ class CommonSource:
         """With an odometry sample between the last gyro sample and the next one, of this rate so much later."""
         within, before = (t_ns - (self.gyro_ns or t_ns)) * 1e-9, self.rates[-1]
         at = before + (rate - before) * within / seconds if seconds > 0.0 else rate
-        point = Point(t_ns * 1e-9, self.angle + 0.5 * (before + at) * within, turned, at, self.noise)
+        point = Point(t_ns * 1e-9, self.angle + 0.5 * (before + at) * within, turned, at, self.noise, self.quiet)
         points, since_ns, doubted = (*self.points, point)[-MOST:], self.since_ns, self.doubted
         if len(points) >= DOUBTED:
             factor, ratio = compared(points)
@@ -136,6 +145,7 @@ class CommonSource:
             self.rates,
             self.angle,
             self.noise,
+            self.quiet,
             sample,
             turned,
             waiting,
@@ -166,11 +176,11 @@ class CommonSource:
 
 def compared(points: tuple[Point, ...]) -> tuple[float, float]:
     """Factor between the turns of the two, and what is left by it, a bias and a delay, in units of the gyro's noise."""
-    t, gyro, tracks, rate, noise = (np.array(column) for column in zip(*points, strict=True))
+    t, gyro, tracks, rate, noise, quiet = (np.array(column) for column in zip(*points, strict=True))
     A = np.stack([gyro - gyro[0], t - t[0], np.ones_like(t), rate], axis=1)
     fitted, *_ = np.linalg.lstsq(A, tracks - tracks[0], rcond=None)
     left = tracks - tracks[0] - A @ fitted
     expected = float(noise[-1] - noise[0]) / DETRENDED
-    if expected <= 0.0:
+    if noise[-1] - noise[0] <= quiet[-1] - quiet[0]:
         return float(fitted[0]), math.inf
     return float(fitted[0]), math.sqrt(float(left @ left) / (len(points) - 4) / expected)
