@@ -119,7 +119,6 @@ class YawFilter:
                 # who contradicted says no more: it is known for good how little is known
                 state.ekf.widen_frame(before.unconfirmed_variance)
             state.unconfirmed = state.confirmed(self.config.initial_rate_sigma)
-        self._doubt(before, state, event)
         if before.t_ns is None:
             state.unconfirmed = state.begun(float(before.x[State.YAW]), self.config.initial_rate_sigma)
         self._confirm(before, state, event)
@@ -138,24 +137,6 @@ class YawFilter:
             # kept for the next step: what is done to this state from here on changes no yaw
             state.standing_yaw = float(believed(state)[0][State.YAW])
             state.yaw_lead -= state.standing_yaw - known
-
-    @staticmethod
-    def _doubt(before: FilterState, state: FilterState, event: FusionEvent) -> None:
-        """Keep for good what the yaw owes to a gyro that is found to err, but for what was taken back of it.
-
-        Those are two windows, or the first alone, or all that an excluded compass claimed, or all since a reference
-        from when two sensors last agreed.
-        """
-        known, began_ns = before.unconfirmed, before.turns.start_ns
-        if known is None or began_ns is None or state.believes(Sensor.GYRO) or not before.believes(Sensor.GYRO):
-            return
-        claimed, last = before.isolation.alternative(Sensor.COMPASS), before.isolation.last
-        back_ns = last.start_ns if last is not None and last.t_ns == began_ns else began_ns
-        if claimed is not None and state.isolation.alternative(Sensor.COMPASS) is None:
-            back_ns = min(claimed.since_ns, back_ns)
-        bridged = isinstance(event, CompassEvent) and event.sample.t_ref_ns <= known.since.t_ns
-        if state.isolation.excludes(Sensor.GYRO) and known.since.t_ns < back_ns and not bridged:
-            state.ekf.widen_frame(before.unconfirmed_variance)
 
     def _confirm(self, before: FilterState, state: FilterState, event: FusionEvent) -> None:
         """Note whether two sensors agree on the yaw, or who has spoken since they did."""

@@ -67,3 +67,19 @@ def test_delay_that_is_configured_is_not_early():
     drive = gyros_and_images(lambda gyro: [replace(one, t_ns=one.t_ns + 100_000_000) for one in gyro])
     fusion, _ = fuse(drive, FusionConfig(camera_delay=-0.1))
     assert not [one for one in fusion.estimate().warnings if one.code == "sensors_disagree_time"]
+
+
+def test_gyro_that_arrives_late_says_nothing_of_the_turn_since_an_exposure_yet():
+    """Images 74 ms late, and a gyro that comes 0.4 s after its stamps: its last rate is of before the turn."""
+    drive = robot_drive(2, seconds=40.0, gyro_hz=50, compass_hz=20, camera_delay=0.074)
+    late = [(s.t_ns + 400_000_000 * isinstance(s, GyroSample), s) for s in drive.samples]
+    fusion, ratios = YawFusion(), []
+    for arrival_ns, sample in sorted(late, key=lambda one: one[0]):
+        if not isinstance(sample, GyroSample | YawIncrement):
+            continue
+        fusion.add(sample)
+        estimate = fusion.estimate()
+        if arrival_ns > 10 * 10**9 and estimate.t_ns > arrival_ns - 100_000_000:
+            sigma = max(math.sqrt(estimate.yaw_variance), math.radians(0.05))
+            ratios.append(abs(drive.error(estimate)) / sigma)
+    assert np.mean(np.array(ratios) > 4.0) < 0.01

@@ -223,3 +223,15 @@ def test_bias_in_a_turn_is_no_jitter_of_the_images(seed, begins):
         if sample.t_ns * 1e-9 > begins + 3.0:
             most = max(most, math.sqrt(fusion.state.jitter.variance))
     assert most < 2e-3
+
+
+@pytest.mark.parametrize(("seed", "since"), [(1, 8.6), (4, 13.05), (6, 18.0)])
+def test_gyro_that_hangs_at_rest_beside_slow_images_is_not_believed_to_see_the_start(seed, since):
+    """It had noise at rest before, and the number is no zero that a driver says."""
+    drive = robot_drive(seed, seconds=30.0, gyro_hz=50, compass_hz=2)
+    assert np.ptp(drive.yaw[round(since * 1e3) : round(since * 1e3) + 1500]) == 0.0
+    hangs = next(s for s in drive.samples if isinstance(s, GyroSample) and s.t_ns * 1e-9 >= since)
+    drive = drive.changed(lambda s: replace(s, yaw_rate=hangs.yaw_rate), GyroSample, since)
+    _, error, sigma, told = run(drive, (GyroSample, YawIncrement))
+    assert "gyro_stuck:gyro" in told
+    assert np.max(np.abs(error) / np.maximum(sigma, FLOOR)) < 4.0

@@ -40,6 +40,10 @@ MET = [
     ("TC", "C", "crowd walks one way, 0.1 rad/s for 15 s", "long legs"),  # the tracks' scale is learnt from the crowd
     ("TC", "T", "stuck", "slow camera"),  # tracks that nobody confirms before the next image
     ("GTC", "GT", "gyro silent while tracks slip", "slow camera"),
+    ("GTC", "G", "axes swapped", "long legs"),  # a delay that is opened wherever images are refused goes anywhere
+    ("TC", "C", "mirrored", "slow camera"),  # refused, then followed from a keyframe of before
+    ("GTC", "G", "deg/s from the start", "slow camera"),  # a view of before the first window knows the yaw
+    ("GTC", "G", "sign reversed from the start", "slow camera"),
 ]
 
 

@@ -154,10 +154,13 @@ class Alternative:
 
     def plus(self, turn: float, window: Window) -> Alternative:
         """With a window in which the sensor claims a `turn`, rad, beyond the filter's."""
-        offset = self.offset + turn
-        most = max(self.most, abs(offset))
         change, rate = self.change + window.rate_change, turn / window.seconds
-        return replace(self, offset=offset, most=most, until_ns=window.t_ns, rate=rate, change=change)
+        return replace(self.apart(turn), until_ns=window.t_ns, rate=rate, change=change)
+
+    def apart(self, by: float) -> Alternative:
+        """With a yaw that is off the filter's by so much more, rad."""
+        offset = self.offset + by
+        return replace(self, offset=offset, most=max(self.most, abs(offset)))
 
     @property
     def against(self) -> Sensor:

@@ -146,6 +146,10 @@ class Start:
         Of the tracks.
     delay, delay_sigma : float
         Of the camera, s.
+    lag, lag_rate : float
+        Turn from the exposure to the stamp of an image of then, rad, and by how much it grows with the delay, rad/s.
+    doubt : float
+        What the yaw owed to one sensor only, rad^2.
     standing : bool
         Whether the robot stood.
     """
@@ -160,6 +164,9 @@ class Start:
     scale_sigma: float = 0.0
     delay: float = 0.0
     delay_sigma: float = 0.0
+    lag: float = field(default=0.0, kw_only=True)
+    lag_rate: float = field(default=0.0, kw_only=True)
+    doubt: float = field(default=0.0, kw_only=True)
     standing: bool = field(default=False, kw_only=True)
 
 

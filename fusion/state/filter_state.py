@@ -257,7 +257,7 @@ class FilterState:
         gyro, standing = self.turns.gyro, self.stillness.standing
         if self.believes(Sensor.GYRO):
             stuck = self.gyro_noise.stuck or (gyro is not None and gyro.repeats >= SAME_NUMBER)
-            return refused or (stuck and not standing)
+            return refused or (stuck and not standing) or self.gyro_noise.frozen
         return refused or (standing and not self.believes(Sensor.TRACKS))
 
     @property

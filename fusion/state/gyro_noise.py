@@ -103,9 +103,19 @@ class GyroNoise:
 
         Of one that hangs while the robot stands nobody can tell, as drivers say so, too.
         """
-        if self.rate is None or self.run < HUNG or self.count - self.run < PROVEN or self.longest >= FINE:
+        if self.rate is None or self.run < HUNG or not self._proven:
             return False
         return max(abs(self.rate - bias), abs(self.rate - self.before)) > AT_REST * sigma
+
+    @property
+    def frozen(self) -> bool:
+        """Whether a gyro that has noise repeats one number that is no zero, as a driver's is for one at rest."""
+        return self.run >= SAME_NUMBER and self._proven and self.rate is not None and abs(self.rate) > SAME
+
+    @property
+    def _proven(self) -> bool:
+        """Whether so many samples came before the present number that it has noise, and repeats nothing."""
+        return self.count - self.run >= PROVEN and self.longest < FINE
 
     def unseen(self, t_ns: int, rate_sigma: float) -> float:
         """Variance, rad^2, of what a robot may have turned while it hung, up to a stamp, ns."""

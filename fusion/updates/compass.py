@@ -104,9 +104,8 @@ class CompassUpdate:
         rate = float(ekf.x[State.RATE])
         expected = ekf.expect(measurement)
         others = max(expected.S - ekf.jitter * rate**2, measurement.R)
-        verdict = self._gating.judge(state, Sensor.COMPASS, measurement, expected) if known and not moved else None
-        if kept and not excluded and measurement.innovation**2 > self._gating.limit * expected.S:
-            verdict = Verdict.REJECTED  # the yaw was wrong for longer than was taken back
+        judged = known and (kept or not moved)
+        verdict = self._gating.judge(state, Sensor.COMPASS, measurement, expected) if judged else None
         known_ns = before.gates[Sensor.COMPASS].accepted_ns
         if verdict is Verdict.ACCEPTED and state.paused_ns > (known_ns or event.sample.t_ref_ns):
             state.turn_count = state.turn_count.after(event.t_ns, measurement.innovation, expected.S)

@@ -12,7 +12,7 @@ from fusion.checks.claims import gyro_claim, tracks_claim
 from fusion.checks.contradiction import contradict
 from fusion.checks.diagnosis import warnings_of
 from fusion.checks.gate import Verdict
-from fusion.checks.isolation import Remedy
+from fusion.checks.isolation import Isolation, Remedy
 from fusion.checks.isolation_rules import judge
 from fusion.checks.refusal import Refusal
 from fusion.checks.silence import RATE_SILENT_NS
@@ -66,8 +66,10 @@ class FaultIsolation:
                 window.gyro, window.compass, window.seconds
             ):
                 state.bias_walk = state.bias_walk.after(window, turns.start)
-            before = state.isolation
+            before, believed = state.isolation, state.believes(Sensor.GYRO)
             state.isolation, remedy = judge(before, window, bias)
+            if believed and state.isolation.excludes(Sensor.GYRO):
+                _doubt_of_before(state, before)
             alternative = state.isolation.alternative(Sensor.COMPASS)
             if state.refusal and alternative and not before.alternative(Sensor.COMPASS):
                 # images from references of before claim all that was refused, not what this window adds to it
@@ -190,7 +192,7 @@ class FaultIsolation:
         One that came at once is a wrong match: the yaw stays, and may be wrong by it. Where no gyro saw the turn, only
         tracks contradict, and those slip and get lifted: a match that repeats is followed.
         """
-        ekf, config, refusal, off = state.ekf, self._config, state.refusal, measurement.innovation
+        ekf, refusal, off = state.ekf, state.refusal, measurement.innovation
         state.refusal = None
         if not witnessed or (refusal is not None and refusal.grew(off)):
             x = ekf.x.copy()
@@ -198,13 +200,15 @@ class FaultIsolation:
             x[until] += off
             ekf.x = x
             measurement = replace(measurement, innovation=0.0)
+            slipped = state.isolation.alternative(Sensor.TRACKS)
             if witnessed and refusal is not None:
                 self._add_gyro_alternative(state, refusal.t_ref_ns, -off)
+            elif slipped is not None:  # they contradict in rates, too: all of it is what they claim
+                state.isolation = state.isolation.with_alternative(slipped.apart(-off))
             else:
                 ekf.widen_frame(FOUND_AGAIN_PROBABILITY * off**2)
         else:
             ekf.widen_frame(ALTERNATIVE_PROBABILITY[Sensor.COMPASS] * off**2)
-            ekf.widen(State.CAMERA_DELAY, config.camera_delay_sigma**2)
         ekf.anchor(since, measurement)
         ekf.widen(State.BIAS, JUMPED_BIAS**2)
         state.agreement = None
@@ -214,24 +218,26 @@ class FaultIsolation:
         alternative = state.isolation.alternative(Sensor.GYRO)
         if alternative is None:
             alternative = Alternative(Sensor.GYRO, since_ns, 0.0, bias=float(state.ekf.x[State.BIAS]))
-        state.isolation = state.isolation.with_alternative(replace(alternative, offset=alternative.offset + offset))
+        state.isolation = state.isolation.with_alternative(alternative.apart(offset))
 
 
 def _lateness(state: FilterState, remedy: Remedy, window: Window) -> tuple[float, float]:
     """What a gyro that was wrong has made of the turn from the last image's exposure to its stamp, rad, and rad^2.
 
-    The compass is followed instead, with a claim that holds this turn as the gyro told it.
+    The compass is followed instead, with a claim that holds this turn, less that of the image at the beginning, as the
+    gyro told them, and with a delay that was learnt from it.
     """
-    known, compass, turned = state.turns.earlier, window.compass, state.isolation.turned
+    turns, compass, turned = state.turns, window.compass, state.isolation.turned
+    known = turns.start if remedy.since_ns == window.start_ns else turns.earlier
     if compass is None or Sensor.GYRO not in state.isolation.contradicting:
-        off = 0.0 if remedy.bias is None else remedy.bias - state.turns.start.bias
+        off = 0.0 if remedy.bias is None else remedy.bias - turns.start.bias
         return 0.0, ((abs(known.delay) + known.delay_sigma) * off) ** 2
     told, rate = exposure_of(state), compass.turn / window.seconds
     before = turned[-2].rate_of(Sensor.COMPASS) if len(turned) > 1 else None
     change = rate if before is None else rate - before
-    variance = float(state.P[State.CAMERA_DELAY, State.CAMERA_DELAY]) * rate**2 + (told.delay * change) ** 2
-    variance += ((told.delay - known.delay) * (told.rate - rate)) ** 2  # it has misled the delay, too
-    return told.turn - rate * told.delay, variance
+    gained = rate - known.lag_rate
+    late = told.turn - known.lag - known.lag_rate * (told.delay - known.delay) - gained * known.delay
+    return late, (known.delay_sigma * gained) ** 2 + (known.delay * change) ** 2
 
 
 def _doubt_since_rest(state: FilterState, window: Window, known: frozenset[Sensor]) -> None:
@@ -244,10 +250,35 @@ def _doubt_since_rest(state: FilterState, window: Window, known: frozenset[Senso
         state.ekf.widen(State.YAW, (off * seconds) ** 2 / 3.0)
 
 
+def _doubt_of_before(state: FilterState, before: Isolation) -> None:
+    """Keep what the yaw owes to a gyro that is found to err, but for what is taken back of it.
+
+    That are two windows, or the first alone, or all that an excluded compass claimed.
+    """
+    known, turns, last = state.unconfirmed, state.turns, before.last
+    back_ns, doubt = turns.start_ns or 0, turns.start.doubt
+    if last is not None and last.t_ns == turns.start_ns:
+        back_ns, doubt = last.start_ns, turns.earlier.doubt
+    claimed = before.alternative(Sensor.COMPASS)
+    if claimed is not None and state.isolation.alternative(Sensor.COMPASS) is None:
+        back_ns, doubt = min(claimed.since_ns, back_ns), state.unconfirmed_variance
+    if known is not None and known.since.t_ns < back_ns:
+        state.ekf.widen(State.YAW, doubt)  # an increment from a view of before may know better
+
+
 def _start(state: FilterState) -> Start:
     """What is believed now, as a window begins."""
     ekf = state.ekf
     known: list[float] = []
     for one in (State.BIAS, State.GYRO_SCALE, State.SCALE, State.CAMERA_DELAY):
         known += float(ekf.x[one]), math.sqrt(float(ekf.P[one, one]))
-    return Start(float(ekf.x[State.YAW]), float(ekf.x[State.RATE]), *known, standing=state.stillness.standing)
+    image = exposure_of(state)
+    return Start(
+        float(ekf.x[State.YAW]),
+        float(ekf.x[State.RATE]),
+        *known,
+        lag=image.turn,
+        lag_rate=image.rate,
+        doubt=state.unconfirmed_variance,
+        standing=state.stillness.standing,
+    )

@@ -34,6 +34,10 @@ def exposure(ekf: YawEkf, t_ns: int, trail: GyroTrail | None) -> Exposure:
     bias, gain = float(ekf.x[State.BIAS]), 1.0 + float(ekf.x[State.GYRO_SCALE])
     turn, rate = (claimed.turn - bias * delay) / gain, (claimed.rate - bias) / gain
     unseen = ekf.config.watched_rate_walk**2 * max(-delay, 0.0) ** 3 / 3.0  # exposed after the last sample
+    last = trail.points[-1]
+    held, since = (last.rate - bias) / gain, min(max(delay, 0.0), (t_ns - last.t_ns) * 1e-9)
+    # of a gyro whose samples come late the rate is held, and the images may know by now that it is another
+    unseen += ((float(ekf.x[State.RATE]) - held) ** 2 + float(ekf.P[State.RATE, State.RATE])) * since**2
     return Exposure(delay, turn, rate, claimed.variance + unseen, watched=True)
 
 
