@@ -67,6 +67,13 @@ def test_fault_is_met(who, faulty, fault, name):
     assert not try_row(ROWS[who, faulty, fault], name, SEEDS[name]).faults
 
 
+def test_images_later_than_before_do_not_let_one_rate_sample_turn_the_yaw():
+    """Followed one after the other, the sensors leave a turn rate that the yaw of before no longer hangs on."""
+    result = try_row(ROWS["GTC", "C", "images 80 ms later than their stamps said before"], "stop and go", 501)
+    assert not result.faults
+    assert result.worst < 5.0  # deg; it was 44
+
+
 def test_what_nobody_can_see_is_told_by_the_verdict():
     """A gyro that lies alone: the table must say so, whatever the estimator does."""
     lies = replace(ROWS["GTC", "G", "scale 1.3"], who="G", make=lambda: do.gyro(lambda w, t: w + 1.0))

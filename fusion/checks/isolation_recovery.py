@@ -137,9 +137,10 @@ def _errs_still(iso: Isolation, one: Exclusion, claim: Claim, reference: Claim, 
         if alternative and alternative.third.side is None and not surely_gyro(window, reference.turn):
             return as_it_was(iso, alternative, window, bias)
         return iso, replace(rebias(claim, reference, window, bias), rate=None)
-    if alternative and one.sensor is Sensor.COMPASS and alternative.third.side is not True:
-        delayed = _delay(iso, alternative)
-        if delayed is not None and _one_sided(iso, alternative):
+    if one.sensor is Sensor.COMPASS and (alternative is None or alternative.third.side is not True):
+        since_ns = alternative.since_ns if alternative else one.since_ns
+        delayed = _delay(iso, since_ns, alternative)
+        if delayed is not None and _one_sided(iso, since_ns):
             return iso, Remedy()  # one bias of the gyro explains as much, until the turn rate changes otherwise
         if delayed is not None:
             return iso.trusting(Sensor.COMPASS).without_alternative(Sensor.COMPASS), delayed
@@ -188,33 +189,33 @@ def as_it_was(iso: Isolation, alternative: Alternative, window: Window, bias: fl
     return iso, Remedy.of((Remedy(alternative.offset, before.sigma**2), rebias))
 
 
-def _delay(iso: Isolation, alternative: Alternative) -> Remedy | None:
+def _delay(iso: Isolation, since_ns: int, alternative: Alternative | None) -> Remedy | None:
     """Images are stamped later than thought, if that explains all that they contradict the gyro by.
 
-    Window by window and in all: a bias of the gyro hides in a few windows, but adds up.
+    Window by window and, as long as nobody has decided for the gyro, in all: its bias hides in a few, but adds up.
     """
-    off, change = _contradictions(iso, alternative)
+    off, change = _contradictions(iso, since_ns)
     by_change = sum(a * b for a, b in zip(off, change, strict=True))
     squares, total = sum(b * b for b in change), sum(a * a for a in off)
     if len(off) < 2 or squares == 0.0 or by_change**2 < TIMED * squares * total:
         return None
     delay = -by_change / squares
-    left = alternative.offset + delay * alternative.change
+    left = alternative.offset + delay * alternative.change if alternative else 0.0
     if abs(delay) >= LONGEST_DELAY or abs(left) > UNTIMED * max(map(abs, off)):
         return None
     return Remedy(delay=delay, fold=ALTERNATIVE_PROBABILITY[Sensor.COMPASS] * left**2)
 
 
-def _contradictions(iso: Isolation, alternative: Alternative) -> tuple[list[float], list[float]]:
+def _contradictions(iso: Isolation, since_ns: int) -> tuple[list[float], list[float]]:
     """By how much gyro and compass differ in each window since, rad, and how the turn rate changed in it, rad/s."""
-    windows = [one for one in iso.evidence if one.t_ns > alternative.since_ns and one.compass and one.gyro]
+    windows = [one for one in iso.evidence if one.t_ns > since_ns and one.compass and one.gyro]
     off = [one.compass.turn - one.gyro.turn for one in windows if one.compass and one.gyro]
     return off, [one.rate_change for one in windows]
 
 
-def _one_sided(iso: Isolation, alternative: Alternative) -> bool:
+def _one_sided(iso: Isolation, since_ns: int) -> bool:
     """Whether gyro and compass differ alike in all windows since."""
-    off, _ = _contradictions(iso, alternative)
+    off, _ = _contradictions(iso, since_ns)
     return sum(off) ** 2 > UNTIMED * len(off) * sum(one * one for one in off)
 
 
