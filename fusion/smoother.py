@@ -76,7 +76,7 @@ class Adjoint:
         """The adjoint with what an event says of who agrees, by the states before and after it."""
         confirmed = self.confirmed
         if after.unconfirmed is not None and after.unconfirmed.since.t_ns == after.t_ns:
-            confirmed = not after.isolation.alternatives
+            confirmed = not after.isolation.undecided
         if not before.isolation.contradicting >= after.isolation.contradicting:
             confirmed = False
         accepted = after.gates[Sensor.COMPASS].accepted_ns == after.t_ns

@@ -93,11 +93,22 @@ class Third:
     @property
     def side(self) -> bool | None:
         """Whether it takes the side of the alternative; None where it is too vague, or on neither side."""
-        followed, other = (one.misfit(self.claims, self.scale) for one in (self.followed, self.other))
-        nearest, farthest = min(followed, other), max(followed, other)
-        if farthest - nearest < DECIDED or nearest > NEARER * farthest:
+        followed, other = self._misfits
+        if self.vague or min(followed, other) > NEARER * max(followed, other):
             return None
         return bool(other < followed)
+
+    @property
+    def vague(self) -> bool:
+        """Whether both are about as likely."""
+        followed, other = self._misfits
+        return abs(followed - other) < DECIDED
+
+    @property
+    def _misfits(self) -> tuple[float, float]:
+        """Squared deviations from the one that is followed, and from the alternative."""
+        followed, other = (one.misfit(self.claims, self.scale) for one in (self.followed, self.other))
+        return followed, other
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,6 +140,8 @@ class Alternative:
         gyro has it, is as likely as before.
     no_bias : bool
         Whether a compass was followed before it, and no bias of the gyro explained all that they contradict by.
+    refuted : bool
+        Whether a third sensor has decided against it: it counts again should that find otherwise.
     """
 
     sensor: Sensor
@@ -143,9 +156,12 @@ class Alternative:
     most: float = 0.0
     driven: bool = True
     change: float = 0.0
+    refuted: bool = False
 
     def variance(self, t_ns: int) -> float:
         """What it adds at a time, ns, to that of the yaw, rad^2."""
+        if self.refuted:
+            return 0.0
         later_ns = 0 if self.until_ns is None else min(t_ns - self.until_ns, LONGEST_ROW_NS)
         offset = abs(self.offset + self.rate * later_ns * 1e-9)
         if self.sensor is Sensor.TRACKS:
@@ -161,6 +177,13 @@ class Alternative:
         """With a yaw that is off the filter's by so much more, rad."""
         offset = self.offset + by
         return replace(self, offset=offset, most=max(self.most, abs(offset)))
+
+    def reversed(self, bias: float, window: Window) -> Alternative:
+        """That the one that was followed until this window is right after all, refuted; `bias`: its own, rad/s."""
+        claim, other = window.claim(self.sensor), window.claim(self.against)
+        rate = (other.turn - claim.turn) / window.seconds if claim and other else 0.0
+        third, since_ns = self.third.swapped(), self.since_ns
+        return Alternative(self.against, since_ns, -self.offset, bias, third, window.t_ns, rate, refuted=True)
 
     @property
     def against(self) -> Sensor:

@@ -8,6 +8,8 @@ compared as turns (`fusion.checks.windows`, judged in `fusion.checks.isolation_r
 - Where only two speak, or the third is too vague to decide, nobody can know who is right. One is followed, the other
   excluded, and that this one is right after all is the *alternative* hypothesis (`fusion.checks.alternative`): what it
   claims beyond the followed one, summed up, widens the published variance.
+- What a third sensor has decided it may find otherwise later: the refuted alternative is kept as long as its
+  sensor is excluded, and adds no variance.
 - An excluded sensor is trusted again once it agrees where it would have been seen to err: in a window with at least
   half the turning of the least one in which it contradicted. Driving straight tells nothing of a wrong sign.
 """
@@ -152,7 +154,7 @@ class Isolation:
         iso, alternatives = replace(self, one_source=one_source), self.alternatives
         if one_source:
             iso = iso.without_alternative(Sensor.TRACKS).trusting(Sensor.TRACKS)
-            alternatives = tuple(replace(one, third=Third()) for one in iso.alternatives)
+            alternatives = tuple(replace(one, third=Third(), refuted=False) for one in iso.alternatives)
             iso = replace(iso, alternatives=alternatives, last=None, long=None)
         since_ns = next((one.since_ns for one in iso.exclusions if one.sensor is Sensor.COMPASS), None)
         if since_ns is None or alternatives:
@@ -181,7 +183,17 @@ class Isolation:
 
     def alternative(self, sensor: Sensor) -> Alternative | None:
         """What a sensor claims that may be right although it is not followed."""
+        found = self.hypothesis(sensor)
+        return None if found is None or found.refuted else found
+
+    def hypothesis(self, sensor: Sensor) -> Alternative | None:
+        """What a sensor claims that is not followed, refuted or not."""
         return next((one for one in self.alternatives if one.sensor is sensor), None)
+
+    @property
+    def undecided(self) -> bool:
+        """Whether there is an alternative that nobody has refuted."""
+        return any(not one.refuted for one in self.alternatives)
 
     def trusted(self, sensor: Sensor, window: Window) -> Claim | None:
         """What a sensor says of a window; None where it is excluded, too."""
@@ -225,8 +237,10 @@ class Isolation:
         return replace(self, exclusions=(*self.trusting(sensor).exclusions, one), strikes=strikes)
 
     def trusting(self, sensor: Sensor) -> Isolation:
-        """With a sensor that is excluded no more."""
-        return replace(self, exclusions=tuple(one for one in self.exclusions if one.sensor is not sensor))
+        """With a sensor that is excluded no more; nor is it refuted."""
+        kept = (one for one in self.alternatives if not (one.refuted and one.sensor is sensor))
+        exclusions = tuple(one for one in self.exclusions if one.sensor is not sensor)
+        return replace(self, exclusions=exclusions, alternatives=tuple(kept))
 
     def with_exclusion(self, changed: Exclusion) -> Isolation:
         """With what is known of an excluded sensor."""

@@ -51,12 +51,16 @@ def settle_alternatives(iso: Isolation, window: Window, bias: float) -> Judged:
         if alternative.sensor is Sensor.GYRO and _other_bias_at_rest(alternative, window, bias):
             side = False
         if side is False:  # it erred: the one that is followed is right
-            iso = iso.without_alternative(alternative.sensor)
+            kept = iso.excludes(alternative.sensor) and alternative.third.side is False
+            refuted = iso.with_alternative(replace(alternative, refuted=True))
+            iso = refuted if kept else iso.without_alternative(alternative.sensor)
         elif side is True:
-            iso, remedy = _follow(iso, alternative, window)
+            iso, remedy = _follow(iso, alternative, window, bias)
             if window.part and alternative.third.side is None:  # images moved the yaw before, nobody knows how far
                 remedy = replace(remedy, fold=alternative.variance(window.t_ns))
             remedies.append(remedy)
+        elif alternative.refuted:
+            iso = iso.with_alternative(replace(alternative, refuted=not alternative.third.vague))
         elif not iso.excludes(alternative.sensor):
             known, over = _as_before(iso, alternative, window, bias)
             iso = iso.without_alternative(known.sensor) if over else iso.with_alternative(known)
@@ -76,12 +80,13 @@ def _other_bias_at_rest(alternative: Alternative, window: Window, bias: float) -
     return abs(alternative.bias - bias) > max(noise, CREEP_RATE)
 
 
-def _follow(iso: Isolation, alternative: Alternative, window: Window) -> Judged:
+def _follow(iso: Isolation, alternative: Alternative, window: Window, bias: float) -> Judged:
     """Trust the alternative's sensor from now on, and exclude the one that was followed instead of it."""
     iso = iso.without_alternative(alternative.sensor).trusting(alternative.sensor)
     claim, wrong = window.claim(alternative.sensor), window.claim(alternative.against)
     if claim and wrong:
         iso = iso.excluding(alternative.against, window, claim.turn, wrong.turn - claim.turn)
+        iso = iso.with_alternative(alternative.reversed(bias, window))
     restored = alternative.bias if alternative.sensor is Sensor.GYRO else None
     rate = claim.turn / window.seconds if claim and alternative.against is Sensor.GYRO else None
     return iso, Remedy(alternative.offset, claim.sigma**2 if claim else 0.0, restored, rate=rate)
@@ -137,29 +142,18 @@ def _errs_still(iso: Isolation, one: Exclusion, claim: Claim, reference: Claim, 
         if alternative and alternative.third.side is None and not surely_gyro(window, reference.turn):
             return as_it_was(iso, alternative, window, bias)
         return iso, replace(rebias(claim, reference, window, bias), rate=None)
-    if one.sensor is Sensor.COMPASS and (alternative is None or alternative.third.side is not True):
-        since_ns = alternative.since_ns if alternative else one.since_ns
-        delayed = _delay(iso, since_ns, alternative)
-        if delayed is not None and _one_sided(iso, since_ns):
+    claimed = iso.hypothesis(one.sensor)  # a delay may also be what a third sensor has refuted
+    if claimed and one.sensor is Sensor.COMPASS and claimed.third.side is not True:
+        delayed = _delay(iso, claimed)
+        if delayed is not None and _one_sided(iso, claimed):
             return iso, Remedy()  # one bias of the gyro explains as much, until the turn rate changes otherwise
         if delayed is not None:
             return iso.trusting(Sensor.COMPASS).without_alternative(Sensor.COMPASS), delayed
     sustained = alternative is not None and not alternative.no_bias and abs(alternative.offset) > SUSTAINED * abs(off)
     if one.sensor is Sensor.COMPASS and alternative and window.gyro and sustained:
         # no single wrong match: a gyro's bias steps more often than a camera is misled for so long
-        iso, remedy = _follow(iso, alternative, window)
-        swapped = alternative.third.swapped()
-        iso = iso.with_alternative(
-            Alternative(
-                Sensor.GYRO,
-                alternative.since_ns,
-                -alternative.offset,
-                bias,
-                swapped,
-                window.t_ns,
-                -off / window.seconds,
-            )
-        )
+        iso, remedy = _follow(iso, alternative, window, bias)
+        iso = iso.with_alternative(replace(alternative.reversed(bias, window), refuted=False))
         return iso, Remedy.of((remedy, rebias(window.gyro, claim, window, bias)))
     return iso, Remedy()
 
@@ -189,33 +183,33 @@ def as_it_was(iso: Isolation, alternative: Alternative, window: Window, bias: fl
     return iso, Remedy.of((Remedy(alternative.offset, before.sigma**2), rebias))
 
 
-def _delay(iso: Isolation, since_ns: int, alternative: Alternative | None) -> Remedy | None:
+def _delay(iso: Isolation, alternative: Alternative) -> Remedy | None:
     """Images are stamped later than thought, if that explains all that they contradict the gyro by.
 
-    Window by window and, as long as nobody has decided for the gyro, in all: its bias hides in a few, but adds up.
+    Window by window and in all: a bias of the gyro hides in a few windows, but adds up.
     """
-    off, change = _contradictions(iso, since_ns)
+    off, change = _contradictions(iso, alternative)
     by_change = sum(a * b for a, b in zip(off, change, strict=True))
     squares, total = sum(b * b for b in change), sum(a * a for a in off)
     if len(off) < 2 or squares == 0.0 or by_change**2 < TIMED * squares * total:
         return None
     delay = -by_change / squares
-    left = alternative.offset + delay * alternative.change if alternative else 0.0
+    left = alternative.offset + delay * alternative.change
     if abs(delay) >= LONGEST_DELAY or abs(left) > UNTIMED * max(map(abs, off)):
         return None
     return Remedy(delay=delay, fold=ALTERNATIVE_PROBABILITY[Sensor.COMPASS] * left**2)
 
 
-def _contradictions(iso: Isolation, since_ns: int) -> tuple[list[float], list[float]]:
+def _contradictions(iso: Isolation, alternative: Alternative) -> tuple[list[float], list[float]]:
     """By how much gyro and compass differ in each window since, rad, and how the turn rate changed in it, rad/s."""
-    windows = [one for one in iso.evidence if one.t_ns > since_ns and one.compass and one.gyro]
+    windows = [one for one in iso.evidence if one.t_ns > alternative.since_ns and one.compass and one.gyro]
     off = [one.compass.turn - one.gyro.turn for one in windows if one.compass and one.gyro]
     return off, [one.rate_change for one in windows]
 
 
-def _one_sided(iso: Isolation, since_ns: int) -> bool:
+def _one_sided(iso: Isolation, alternative: Alternative) -> bool:
     """Whether gyro and compass differ alike in all windows since."""
-    off, _ = _contradictions(iso, since_ns)
+    off, _ = _contradictions(iso, alternative)
     return sum(off) ** 2 > UNTIMED * len(off) * sum(one * one for one in off)
 
 

@@ -218,10 +218,12 @@ def _gyro_against_compass(iso: Isolation, gyro: Claim, compass: Claim, window: W
         return as_it_was(iso, alternative, window, bias)
     if side is True or (side is None and surely_gyro(window, compass.turn)):
         iso = iso.excluding(Sensor.GYRO, window, compass.turn, off)
+        if side is True:
+            iso = iso.with_alternative(images.plus(-off, window).reversed(bias, window))
         return iso, Remedy.of((iso.following(Sensor.COMPASS, window), rebias(gyro, compass, window, bias)))
     iso = iso.excluding(Sensor.COMPASS, window, gyro.turn, off)
-    if side is None:
-        iso = iso.with_alternative(images.plus(-off, window))
+    if not window.part:
+        iso = iso.with_alternative(replace(images.plus(-off, window), refuted=side is False))
     return iso, iso.following(Sensor.GYRO, window)
 
 

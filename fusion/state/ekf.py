@@ -254,6 +254,11 @@ class YawEkf(ExtendedKalmanFilter):
         self.x[index] = value
         self.P[index, index] = variance
 
+    def place_yaw(self) -> None:
+        """Take the yaw for what it is, whatever the turn rate was: one that is measured later says nothing of it."""
+        for one in (State.RATE, State.ACCELERATION):
+            self.renew(one, float(self.P[one, one]), float(self.x[one]))
+
     def anchor(self, into: int, measurement: Measurement) -> None:
         """Set clone `into` to what a compass measurement since it says, as if nothing had been known of it.
 

@@ -115,9 +115,8 @@ class FaultIsolation:
         if remedy.rate is not None:
             ekf.renew(State.RATE, config.initial_rate_sigma**2, remedy.rate)
             ekf.renew(State.ACCELERATION, config.rate_walk**2 / (2.0 * config.rate_ramp))
-        elif remedy.shift:  # how the yaw went on is known from the claims: no rate that is measured now tells of it
-            for one in (State.RATE, State.ACCELERATION):
-                ekf.renew(one, float(ekf.P[one, one]))
+        elif remedy.shift:
+            ekf.place_yaw()
         if remedy.fold > 0.0:
             ekf.widen_frame(remedy.fold)
         if remedy.shift == remedy.delay == 0.0:
@@ -202,6 +201,7 @@ class FaultIsolation:
             x[State.YAW] += off
             x[until] += off
             ekf.x = x
+            ekf.place_yaw()
             measurement = replace(measurement, innovation=0.0)
             slipped = state.isolation.alternative(Sensor.TRACKS)
             if witnessed and refusal is not None:

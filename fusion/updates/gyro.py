@@ -93,8 +93,9 @@ class GyroUpdate:
         )
         expected = state.ekf.expect(measurement)
         prior, accepted_ns = expected.S - measurement.R, refused.accepted_ns
-        if accepted_ns is not None and measurement.innovation**2 > self._gating.limit * expected.S:
-            allow_start(state.ekf, (event.t_ns - accepted_ns) * 1e-9)
+        believed = accepted_ns is not None and not state.isolation.excludes(Sensor.GYRO)
+        if believed and measurement.innovation**2 > self._gating.limit * expected.S:
+            allow_start(state.ekf, (event.t_ns - (accepted_ns or 0)) * 1e-9)
             expected = state.ekf.expect(measurement)
         verdict = self._gating.judge(state, Sensor.GYRO, measurement, expected)
         if not state.stillness.standing and verdict is Verdict.ACCEPTED:
