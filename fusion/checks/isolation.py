@@ -151,10 +151,11 @@ class Isolation:
         """
         if one_source is False:
             return replace(self, one_source=False)
-        iso, alternatives = replace(self, one_source=one_source), self.alternatives
+        alternatives = tuple(replace(one, refuted=False) for one in self.alternatives)
+        iso = replace(self, one_source=one_source, alternatives=alternatives)
         if one_source:
             iso = iso.without_alternative(Sensor.TRACKS).trusting(Sensor.TRACKS)
-            alternatives = tuple(replace(one, third=Third(), refuted=False) for one in iso.alternatives)
+            alternatives = tuple(replace(one, third=Third()) for one in iso.alternatives)
             iso = replace(iso, alternatives=alternatives, last=None, long=None)
         since_ns = next((one.since_ns for one in iso.exclusions if one.sensor is Sensor.COMPASS), None)
         if since_ns is None or alternatives:
