@@ -6,7 +6,7 @@ import heapq
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
-from itertools import chain
+from itertools import chain, islice
 from operator import attrgetter
 from typing import TYPE_CHECKING
 
@@ -20,6 +20,10 @@ from fusion.samples import GyroSample
 
 if TYPE_CHECKING:
     from fusion.settings import Settings
+
+# Looks that are taken at a time, as the filter finds its cache cold after each wait. One by one it takes 1.16 times as
+# much processor time, a run 1.02 times (docs/lab-notes/bursts-2026-11-30.md).
+BURST = 8
 
 Upright = tuple[Frame, Vector | None]  # a panorama, and the vertical in the robot's frame, where it is known
 
@@ -80,7 +84,7 @@ def seen_by(config: CompassConfig) -> See:
 class Looks:
     """The looks at a recording's panoramas by their stamps; it may be gone through once.
 
-    They do not depend on the filter, so that `see` may be ahead of whoever takes them.
+    They do not depend on the filter, so that `see` may be ahead of whoever takes them, by some looks at least.
 
     Parameters
     ----------
@@ -115,7 +119,7 @@ class Looks:
             self._ready.append(look)
 
     def __iter__(self) -> Iterator[Look]:
-        for look in chain(_emptied(self._ready), self._seen):
+        for look in chain(_emptied(self._ready), _in_bursts(self._seen)):
             self.warnings = self._warnings.popleft()
             self.counts[look.status] += 1
             yield look
@@ -136,3 +140,9 @@ class Looks:
 def _emptied(ready: deque[Look]) -> Iterator[Look]:
     while ready:
         yield ready.popleft()
+
+
+def _in_bursts(looks: Iterator[Look]) -> Iterator[Look]:
+    """The same, some of them ready before the first is given."""
+    while burst := list(islice(looks, BURST)):
+        yield from burst
