@@ -94,7 +94,12 @@ class Strip:
     def texture(self) -> float:
         """Standard deviation of `smoothed`, grey values of 255: of the scene, hardly of the noise."""
         size = self.smoothed.size * (1.0 if self.seen is None else self.seen.share)
-        return float(np.sqrt(np.vdot(self.smoothed, self.smoothed) / max(size, 1.0)))
+        return math.sqrt(self.energy / max(size, 1.0))
+
+    @cached_property
+    def energy(self) -> float:
+        """Sum of the squares of `smoothed`, grey values^2."""
+        return float(np.vdot(self.smoothed, self.smoothed))
 
 
 def prepare_strip(

@@ -148,7 +148,7 @@ def _compared(
     """How many corners are inliers, and how an image lies on the keyframe; the scene has about so tilted since, rad."""
     tracks, turned_px = _tracked(key, now, coarse, projection, tilt)
     energy = key.patches.contrast[tracks.index] ** 2
-    confidence = float(np.clip(tracks.likeness @ energy / max(energy.sum(), 1e-9), 0.0, 1.0))
+    confidence = min(float(tracks.likeness @ energy) / max(float(energy.sum()), 1e-9), 1.0)
     match = Match.none(float(coarse.shift_px), confidence)
     inliers = 0.0
     if tracks.index.size >= FEWEST:
