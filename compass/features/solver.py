@@ -34,7 +34,7 @@ class State(IntEnum):
 ROTATION = slice(0, 3)
 FREEDOM = 3.0  # degrees of freedom of the t: 2 to 5 differ by a tenth in the yaw's RMS over a drive
 # Of the parallaxes, columns: from what noise hides to a keyframe's end. Halved, held-out drives err as much, and
-# their raw yaw by 1.05 (docs/lab-notes/constants-2026-11-30.md).
+# their raw yaw by 1.05; doubled, tuned ones by 1.14 and 1.18 (docs/lab-notes/constants-, walk-2026-11-30.md).
 MEANS_PX = np.array([0.3, 2.0, 12.0])
 TINY = 1e-6  # columns, rad^-2; of what has no error or no precision, for there is no division by zero
 

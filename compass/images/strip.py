@@ -23,7 +23,9 @@ from compass.tilt import Vector
 Pixels = npt.NDArray[np.float32]
 Spectrum = npt.NDArray[np.complex64]
 
-UPRIGHT_ROWS = 24  # what rises or sinks by less than such a row does not disturb how far it moved sideways
+# What rises or sinks by less than such a row does not disturb how far it moved sideways; 12 and 48 are as good
+# (docs/lab-notes/walk-2026-11-30.md).
+UPRIGHT_ROWS = 24
 MIN_TEXTURE = 1.1  # grey values of 255; camera noise of 4 alone leaves 0.9 at 1024 columns
 
 
