@@ -50,7 +50,8 @@ class CompassConfig(ParameterSet):
     min_confidence: float = parameter(
         0.65,
         "peak correlation below which no increment is given; successive images of a drive have above 0.9, in a crowd "
-        "above 0.7, unrelated scenes in 3 of 100 cases above 0.65; `corners` rejects those by their outliers",
+        "above 0.7, unrelated scenes in 3 of 100 cases above 0.65; what `corners` finds has above 0.8, outliers tell "
+        "unrelated scenes",
         low=0.0,
         high=1.0,
         live=True,

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 from compass.increment import CompassStatus
 
-RECENT = 30  # images: one to three seconds at the usual rates
+RECENT = 30  # images: of so many a share of a half is known to a tenth, 0.5 / sqrt(30)
 SECOND_NS = 1_000_000_000
 
 

@@ -117,17 +117,21 @@ def beyond_error(up: Vector, sigma: float) -> Vector:
     return x, y, math.copysign(math.sqrt(max(1.0 - x * x - y * y, 0.0)), up[2])
 
 
+def turned(angle: float) -> npt.NDArray[np.float64]:
+    """(3, 3) rotation about the z axis by an angle, rad."""
+    cosine, sine = math.cos(angle), math.sin(angle)
+    return np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
+
+
 def _camera_rotation(turn: float, tilt: tuple[float, float]) -> npt.NDArray[np.float64]:
     """Rotation of a camera before which the scene rotates by `tilt`, and that then turns, see `Tilted.after`."""
-    cosine, sine = math.cos(turn), math.sin(turn)
-    about_axis = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
-    return np.asarray(_rotation(-tilt[0], -tilt[1], 0.0) @ about_axis, np.float64)
+    return np.asarray(_rotation(-tilt[0], -tilt[1], 0.0) @ turned(turn), np.float64)
 
 
 def _without_heading(rotation: npt.NDArray[np.float64]) -> tuple[Tilted, float]:
     """The tilt of an attitude, and its heading, rad."""
     heading = math.atan2(rotation[1, 0], rotation[0, 0])
-    return Tilted(_rotation(0.0, 0.0, -heading) @ rotation), heading
+    return Tilted(turned(-heading) @ rotation), heading
 
 
 def _rotation(x: float, y: float, z: float) -> npt.NDArray[np.float64]:

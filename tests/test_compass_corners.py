@@ -272,3 +272,14 @@ def test_image_without_any_corner_is_matched_by_its_rows(row):
         compass.long_baseline()
         assert compass.status is (CompassStatus.OK if k else CompassStatus.FIRST_FRAME)
     assert compass.yaw == pytest.approx(15 * math.tau / 512, abs=1e-3)
+
+
+def test_what_is_lost_of_a_view_costs_no_answer():
+    """Near walls leave a view at once, and what they hid comes in: what is left of it tells the turn all the same."""
+    for seed in range(3):
+        before, now = sphere(seed + 20), shifted(sphere(seed + 20), 6.4)
+        for first in range(0, WIDTH, WIDTH // 4):
+            now[:, first : first + WIDTH // 10] = sphere(seed + 30)[:, first : first + WIDTH // 10]
+        engine = compass()
+        increment = compare(engine, as_bytes(before, NOISE, 1), as_bytes(now, NOISE, 2))
+        assert increment.yaw / PER_PX == pytest.approx(6.4, abs=0.05)

@@ -17,6 +17,7 @@ import numpy.typing as npt
 from compass.features.points import Floats
 from compass.flow.correlation import FLOOR_PX
 from compass.images.strip import Strip
+from compass.tilt import turned
 
 Complexes = npt.NDArray[np.complexfloating]
 Index = npt.NDArray[np.intp]
@@ -80,7 +81,9 @@ class Projection:
         """(n, 2) columns and rows of (3, n) vectors of unit length."""
         x, y, z = directions
         column = self.forward - 0.5 - np.arctan2(y, x) / self.per_column
-        return np.stack([column, (self.top - np.arcsin(np.clip(z, -1.0, 1.0))) / self.per_row - 0.5], axis=1)
+        return np.stack(
+            [column, (self.top - np.arcsin(np.minimum(np.maximum(z, -1.0), 1.0))) / self.per_row - 0.5], axis=1
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -128,7 +131,5 @@ class Tangents:
 
 def undo(yaw: float, tilt_x: float, tilt_y: float) -> Floats:
     """(3, 3) rotation that brings what is seen back to before the scene tilted about x and y and the camera turned."""
-    cosine, sine = math.cos(yaw), math.sin(yaw)
-    about_z = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
-    untilt: Floats = np.asarray(cv2.Rodrigues(np.array([-tilt_x, -tilt_y, 0.0]))[0]) @ about_z
+    untilt: Floats = np.asarray(cv2.Rodrigues(np.array([-tilt_x, -tilt_y, 0.0]))[0]) @ turned(yaw)
     return untilt

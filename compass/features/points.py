@@ -127,8 +127,9 @@ def sample(pixels: Pixels, at: Pixels) -> Pixels:
 def _windows(pixels: Pixels, whole: npt.NDArray[np.intp], before: int, after: int | None = None) -> Pixels:
     """(n, rows, columns) patches about (n, 2) whole columns and rows, and so many pixels more on their sides."""
     side = SIDE + before + (before if after is None else after)
-    windows = np.lib.stride_tricks.sliding_window_view(pixels, (side, side))
-    row = np.clip(whole[:, 1] - HALF - before, 0, len(windows) - 1)
+    rows, columns = (size - side + 1 for size in pixels.shape)
+    windows = np.lib.stride_tricks.as_strided(pixels, (rows, columns, side, side), 2 * pixels.strides)
+    row = np.minimum(np.maximum(whole[:, 1] - HALF - before, 0), rows - 1)
     return np.asarray(windows[row, whole[:, 0] - HALF - before + MARGIN])
 
 

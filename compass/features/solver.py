@@ -34,7 +34,7 @@ class State(IntEnum):
 ROTATION = slice(0, 3)
 FREEDOM = 3.0  # degrees of freedom of the t: 2 to 5 differ by a tenth in the yaw's RMS over a drive
 # Of the parallaxes, columns: from what noise hides to a keyframe's end. Halved, held-out drives err as much, and
-# their raw yaw by 1.05 (docs/lab-notes/constants-2026-11-30.md).
+# their raw yaw by 1.05; doubled, tuned ones by 1.14 and 1.18 (docs/lab-notes/constants-, walk-2026-11-30.md).
 MEANS_PX = np.array([0.3, 2.0, 12.0])
 TINY = 1e-6  # columns, rad^-2; of what has no error or no precision, for there is no division by zero
 
@@ -200,8 +200,10 @@ def ascend(problem: Problem, start: Start, extra: Floats, pushed: bool = True) -
     slope, bend = bends
     forces, weights = both = np.empty((2, *parts.shape[1:], 2))  # along and across
     bend[0] = 1.0
-    for beyond in (*(extra * extra).tolist(), None):
-        lines = _Lines(problem, states)
+    for index, beyond in enumerate((*(extra * extra).tolist(), None)):
+        if pushed or not index:  # the lines of a turn alone stay
+            lines = _Lines(problem, states)
+        lines.split(problem, states)
         var_along, var_across = lines.variances(problem, noise)
         if beyond:
             var_along, var_across = var_along + beyond, var_across + beyond
@@ -221,7 +223,8 @@ def ascend(problem: Problem, start: Start, extra: Floats, pushed: bool = True) -
         parts /= total
         inlier = 1.0 - parts[-1]
         across = inlier * scale / var_across
-        jacobian = lines.jacobian(problem, pushed)
+        if pushed or not index:
+            jacobian = lines.jacobian(problem, pushed)
         np.einsum("ckn,bckn->bkn", parts[:-1], bends, out=both[..., 0])
         forces[..., 0] /= sigma
         weights[..., 0] /= var_along
@@ -238,7 +241,7 @@ def ascend(problem: Problem, start: Start, extra: Floats, pushed: bool = True) -
         )
         change = np.linalg.solve(precision, gradient[..., None])[..., 0]
         # nor further in one round than a deviation of the prior: an IMU may err, and the way is long
-        states = states + np.clip(change, -longest, longest)
+        states = states + np.minimum(np.maximum(change, -longest), longest)
         shares = parts.sum(axis=2).T + 1.0  # the posterior mean of a flat Dirichlet prior
         shares /= shares.sum(axis=1, keepdims=True)
         if not beyond:
@@ -256,14 +259,13 @@ def ascend(problem: Problem, start: Start, extra: Floats, pushed: bool = True) -
 
 def condition(precision: Floats) -> None:
     """Make (k, 5, 5) precisions invertible where one exact corner is all there is, in place; by a part in 10^12."""
-    np.einsum("kii->ki", precision)[...] *= 1.0 + TINY**2
+    precision *= 1.0 + TINY**2 * np.eye(5)
 
 
 class _Lines:
     """Epipolar lines of n corners for k states, and the residuals along and across them, (k, n) arrays."""
 
     def __init__(self, problem: Problem, states: Floats) -> None:
-        self.off = (states - problem.start)[:, ROTATION] @ problem.rotating + problem.moved
         direction, climb = states[:, State.DIRECTION], states[:, State.CLIMB]
         sine, cosine, level, rise = np.sin(direction), np.cos(direction), np.cos(climb), np.sin(climb)
         travel = cosine * level, sine * level, rise
@@ -275,6 +277,10 @@ class _Lines:
         # whose patch shows where the camera travels to or comes from has no line
         self.length = np.maximum(np.abs(self._travel), HALF * problem.per_column)
         self._back = -self._travel.conj() / self.length  # turns what lies away from the travel to the real axis
+
+    def split(self, problem: Problem, states: Floats) -> None:
+        """Residuals of states whose lines these are."""
+        self.off = (states - problem.start)[:, ROTATION] @ problem.rotating + problem.moved
         self._residual = self.off * self._back
         self.along, self.across = self._residual.real, self._residual.imag
 

@@ -23,7 +23,9 @@ from compass.tilt import Vector
 Pixels = npt.NDArray[np.float32]
 Spectrum = npt.NDArray[np.complex64]
 
-UPRIGHT_ROWS = 24  # what rises or sinks by less than such a row does not disturb how far it moved sideways
+# What rises or sinks by less than such a row does not disturb how far it moved sideways; 12 and 48 are as good
+# (docs/lab-notes/walk-2026-11-30.md).
+UPRIGHT_ROWS = 24
 MIN_TEXTURE = 1.1  # grey values of 255; camera noise of 4 alone leaves 0.9 at 1024 columns
 
 
@@ -94,7 +96,12 @@ class Strip:
     def texture(self) -> float:
         """Standard deviation of `smoothed`, grey values of 255: of the scene, hardly of the noise."""
         size = self.smoothed.size * (1.0 if self.seen is None else self.seen.share)
-        return float(np.sqrt(np.vdot(self.smoothed, self.smoothed) / max(size, 1.0)))
+        return math.sqrt(self.energy / max(size, 1.0))
+
+    @cached_property
+    def energy(self) -> float:
+        """Sum of the squares of `smoothed`, grey values^2."""
+        return float(np.vdot(self.smoothed, self.smoothed))
 
 
 def prepare_strip(

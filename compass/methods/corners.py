@@ -147,15 +147,17 @@ def _compared(
 ) -> tuple[float, Match]:
     """How many corners are inliers, and how an image lies on the keyframe; the scene has about so tilted since, rad."""
     tracks, turned_px = _tracked(key, now, coarse, projection, tilt)
-    energy = key.patches.contrast**2
-    confidence = float(np.clip(tracks.likeness @ energy[tracks.index] / energy.sum(), 0.0, 1.0))
-    match = Match(float(coarse.shift_px), math.inf, confidence, CompassStatus.LOW_CONFIDENCE)
+    energy = key.patches.contrast[tracks.index] ** 2
+    confidence = min(float(tracks.likeness @ energy) / max(float(energy.sum()), 1e-9), 1.0)
+    match = Match.none(float(coarse.shift_px), confidence)
     inliers = 0.0
     if tracks.index.size >= FEWEST:
         problem = _problem(key, tracks, turned_px, projection, tilt)
         fit = key.motion.follow(problem)
         inliers = float(fit.inlier.sum())
         spread = quantile(np.abs(fit.along[0]), 0.75) / problem.per_column
+        if 2.0 * inliers <= len(key.patches):  # what is left of the keyframe is sought thrice, see above
+            spread = math.inf
         match = _judged(key, tracks, fit, problem, Match(0.0, math.inf, confidence, coarse.status, spread))
         if not _sees_part(key.picture.strip):  # else what overlaps changes with the shift
             match = _pure_turn(key, fit, now.strip, match) or match

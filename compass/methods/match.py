@@ -40,7 +40,7 @@ class Match:
     variance_px2 : float
         Variance of `shift_px`, columns^2.
     confidence : float
-        Normalised peak correlation, 0..1.
+        Normalised correlation, 0..1, of what was found of the reference.
     status : CompassStatus
         OK, or why the shift must not be used.
     spread_px : float

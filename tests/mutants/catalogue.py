@@ -107,14 +107,14 @@ MUTANTS = (
     Mutant(
         "shoulder-taken-for-a-rival",
         "compass/flow/coarse_shift.py",
-        "PEAKS_PER_CIRCLE = 16",
+        "PEAKS_PER_CIRCLE = 10",
         "PEAKS_PER_CIRCLE = 64",
         _tests("test_compass_correlation"),
     ),
     Mutant(
         "rivals-only-a-quarter-turn-off",
         "compass/flow/coarse_shift.py",
-        "PEAKS_PER_CIRCLE = 16",
+        "PEAKS_PER_CIRCLE = 10",
         "PEAKS_PER_CIRCLE = 4",
         _tests("test_compass_correlation"),
     ),
