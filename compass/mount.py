@@ -25,6 +25,7 @@ NOISE, LEAST_NOISE = 0.01, 0.001
 RECENT = 20.0  # images over which that noise is learnt
 LASTS = 5.0  # images in which an error is much the same, as they are compared with one keyframe
 MEMORY = 30.0  # of turns, sum of squared chords, after which a mount is forgotten: it may have given way
+KNOCKED = 3.0  # deviations beyond which the camera stands otherwise than before
 STEEPEST = 0.5  # sine of the tilt, 30 deg: more is no camera that looks at the horizon
 
 
@@ -82,12 +83,15 @@ class CameraMount:
         aside = tilt[1] - expected[1], expected[0] - tilt[0], 0.0  # by how much the vertical seems to have moved
         back = about_z(aside, -turn)
         chord = 2.0 * (1.0 - math.cos(turn))  # squared, (R - 1)' (R - 1)
-        variance = min(self.variance * (1.0 + chord / MEMORY), SIGMA**2)
-        gain = variance / (variance * chord + LASTS * self.noise)
+        variance, noise = min(self.variance * (1.0 + chord / MEMORY), SIGMA**2), self.noise
+        missed = aside[0] ** 2 + aside[1] ** 2
+        if missed > 2.0 * KNOCKED**2 * (variance * chord + LASTS * noise):
+            variance, noise = SIGMA**2, NOISE**2
+        gain = variance / (variance * chord + LASTS * noise)
         x, y = self.x + gain * (back[0] - aside[0]), self.y + gain * (back[1] - aside[1])
         less = min(STEEPEST / max(math.hypot(x, y), STEEPEST), 1.0)
-        left = (1.0 - gain * chord) * (aside[0] ** 2 + aside[1] ** 2) / 2.0
-        noise = max(self.noise + (left - self.noise) / RECENT, LEAST_NOISE**2)
+        left = (1.0 - gain * chord) * missed / 2.0
+        noise = max(noise + (left - noise) / RECENT, LEAST_NOISE**2)
         return CameraMount(less * x, less * y, (1.0 - gain * chord) * variance, noise)
 
     def _rotation(self) -> npt.NDArray[np.float64] | None:
