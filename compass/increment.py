@@ -35,9 +35,9 @@ class YawIncrement:
     confidence : float
         Normalised peak correlation, 0..1; across a gap the share of the common corners that are inliers.
     turn, tilt : float or None, (float, float)
-        What was seen: the scene rotated by `tilt` (rad) about the camera's x and y axes, then the camera turned by
-        `turn` about its own z axis. `yaw` follows with its tilt at the reference, as the compass knew it. None: only
-        `yaw` is known.
+        What was seen: the scene rotated by `tilt` (rad) about the robot's x and y axes, then the robot turned by
+        `turn` about its own z axis; how the camera is tilted on it is taken out (`compass.mount`). `yaw` follows with
+        the tilt at the reference, as the compass knew it. None: only `yaw` is known.
     long_baseline : bool
         Whether it comes from the corners of a view some seconds ago (`VisualCompass.long_baseline`). It goes with the
         increments from image to image, and ends and starts at images that they end at, too.

@@ -55,7 +55,7 @@ class Tilted:
         tilt : tuple of float
             Rotation of the scene about the camera's x and y before that, rad.
         """
-        return _without_heading(self.matrix @ _camera_rotation(turn, tilt))
+        return _without_heading(self.matrix @ camera_rotation(turn, tilt))
 
     def before(self, turn: float, tilt: tuple[float, float]) -> tuple[Tilted, float]:
         """What its tilt was before the scene rotated and the camera turned as in `after`, and how its heading changed.
@@ -63,7 +63,7 @@ class Tilted:
         The newest tilt is the one to start from: how the IMU is mounted is found out while the robot turns, and what
         was taken for its tilt before that may have been the mount.
         """
-        tilted, heading = _without_heading(self.matrix @ _camera_rotation(turn, tilt).T)
+        tilted, heading = _without_heading(self.matrix @ camera_rotation(turn, tilt).T)
         return tilted, -heading
 
     def variance(self, turn: float, sigma: float) -> float:
@@ -123,7 +123,7 @@ def turned(angle: float) -> npt.NDArray[np.float64]:
     return np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
 
 
-def _camera_rotation(turn: float, tilt: tuple[float, float]) -> npt.NDArray[np.float64]:
+def camera_rotation(turn: float, tilt: tuple[float, float]) -> npt.NDArray[np.float64]:
     """Rotation of a camera before which the scene rotates by `tilt`, and that then turns, see `Tilted.after`."""
     return np.asarray(_rotation(-tilt[0], -tilt[1], 0.0) @ turned(turn), np.float64)
 

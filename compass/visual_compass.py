@@ -24,6 +24,7 @@ from compass.images.strip import MIN_TEXTURE, Strip, prepare_strip
 from compass.increment import CompassStatus, YawIncrement
 from compass.methods.match import Match, Search
 from compass.methods.registry import find_method
+from compass.mount import CameraMount
 from compass.parameters import config_of
 from compass.stamp_order import StampOrder
 from compass.stamps import whole_ns
@@ -47,7 +48,7 @@ class VisualCompass:
     config : CompassConfig
         Defaults when not given.
     up_at : callable, optional
-        Knows the vertical in the camera's frame (x ahead, y left, z up; a unit vector) at a stamp, ns, or None where it
+        Knows the vertical in the robot's frame (x ahead, y left, z up; a unit vector) at a stamp, ns, or None where it
         does not. Without it the tilt is estimated from what is seen.
 
     Raises
@@ -95,6 +96,7 @@ class VisualCompass:
         self._lost_turns = LostTurns()
         self._keyframe: View | None = None  # what images are compared with
         self._tilt = Tilted()  # at the last good image
+        self._mount = CameraMount()
         self._last: Strip | None = None  # the last image that gave an increment, or the keyframe
         self._last_variance = 0.0  # of the yaw there
         self._last_increment: YawIncrement | None = None  # to it; None for the keyframe
@@ -154,6 +156,7 @@ class VisualCompass:
         if isinstance(image, np.ndarray):
             image = image.view(np.ndarray)  # a matrix has no rows of one dimension, a masked array no minimum
         strip = prepare_strip(t_ns, image, self.config, encoding, self._mask, self._up_at(t_ns))
+        strip = replace(strip, mount=self._mount)
         self.status = self._judge_strip(strip)
         if strip.texture >= MIN_TEXTURE and self.config.is_full_panorama:
             self.circle.look(strip, Orientation.of(self.config).upright(image), encoding)
@@ -200,7 +203,7 @@ class VisualCompass:
 
     def _last_view(self, last: Strip) -> View:
         """The last good image, its yaw and its tilt."""
-        return View(last, self.yaw, self._last_variance, self._tilt)
+        return View(last, self.yaw, self._last_variance, self._tilt, self._mount)
 
     def _backward(self, t_ns: int) -> bool:
         """Whether the image is to be ignored; where time went back for good, it is the first of its time."""
@@ -314,13 +317,16 @@ class VisualCompass:
         """The increment of a good match; where too much has moved apart, the strip is the next keyframe."""
         reference_ns, per_px = keyframe.strip.t_ns, math.tau / keyframe.strip.columns
         turn = match.shift_px * per_px
+        if keyframe.strip.up is not None and strip.up is not None and any(match.tilt):  # else it is not known
+            self._mount = self._mount.after(turn, match.tilt, keyframe.strip.up, strip.up)
+        turn, tilt = self._mount.on_robot(turn, match.tilt)
         now = self._tilt_of(strip)
         if now is None:
             before = keyframe.tilts
-            tilted, yaw = before.after(turn, match.tilt)
+            tilted, yaw = before.after(turn, tilt)
             now = tilted.later((strip.t_ns - reference_ns) * 1e-9)
         else:
-            before, yaw = now.before(turn, match.tilt)
+            before, yaw = now.before(turn, tilt)
         variance = match.variance_px2 * per_px**2 + before.variance(turn, self.config.tilt_sigma)
         self.yaw += wrap_angle(keyframe.yaw + yaw - self.yaw)
         self._last_variance = keyframe.variance + variance
@@ -332,7 +338,7 @@ class VisualCompass:
         if match.spread_px > self._keyframe_spread:
             self._keyframe = self._last_view(strip)
         confidence = min(max(match.confidence, 0.0), 1.0)
-        measured = reference_ns, strip.t_ns, yaw, variance, confidence, turn, match.tilt
+        measured = reference_ns, strip.t_ns, yaw, variance, confidence, turn, tilt
         self._last_increment = YawIncrement(*measured, factor_sigma=self._factor_sigma)
         return self._last_increment
 

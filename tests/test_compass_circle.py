@@ -74,6 +74,29 @@ def with_border(image):
     return image
 
 
+def pillarboxed(image):
+    return cv2.copyMakeBorder(resized(image), 0, 0, WIDTH // 10, WIDTH // 10, cv2.BORDER_CONSTANT)
+
+
+def with_a_narrow_bar(image):
+    return cv2.copyMakeBorder(image, 0, 0, 0, 20, cv2.BORDER_CONSTANT, value=128)
+
+
+def two_parts_with_a_gap(image):
+    bar = np.zeros((HEIGHT, 60), np.uint8)
+    return np.hstack([image[:, 200:], bar, image[:, :200]])
+
+
+def with_dark_mast_at_the_seam(image):
+    image[:, :20] = image[:, -20:] = 20
+    return image
+
+
+def with_dark_lens(image):
+    image[:, WIDTH // 3 : WIDTH * 2 // 3] = 3
+    return image
+
+
 def with_mast_at_the_seam(image):
     image[:, :25] = 160
     image[40:90, :25] = 60
@@ -102,6 +125,10 @@ def two_discs(image):
         (two_halves_apart, "join"),
         (half_black, "50 % of their width"),
         (two_discs, "round pictures"),
+        (pillarboxed, "17 % of their width are blank bars"),
+        (with_a_narrow_bar, "4 % of their width are blank bars"),
+        (two_parts_with_a_gap, "10 % of their width are blank bars"),
+        (with_dark_lens, "33 % of their width shows nothing"),
     ],
 )
 def test_what_is_no_full_circle_is_named(make, word):
@@ -110,7 +137,10 @@ def test_what_is_no_full_circle_is_named(make, word):
     assert verdict.since_ns == START_NS or make is two_discs
 
 
-@pytest.mark.parametrize("make", [whole, with_bars, with_border, with_mast_at_the_seam, with_mast_in_the_middle])
+@pytest.mark.parametrize(
+    "make",
+    [whole, with_bars, with_border, with_mast_at_the_seam, with_dark_mast_at_the_seam, with_mast_in_the_middle],
+)
 def test_full_circle_is_not_blamed(make):
     verdict = verdict_of(make)
     assert verdict.views >= VIEWS
@@ -157,7 +187,10 @@ def test_mast_at_the_seam_crosses_nothing():
     assert math.isnan(verdict_of(with_mast_at_the_seam, frames=50).crossing)
 
 
-@pytest.mark.parametrize(("make", "sigma"), [(whole, 0.0), (half, 0.5), (twice, 0.5)])
+@pytest.mark.parametrize(
+    ("make", "sigma"),
+    [(whole, 0.0), (half, 0.5), (twice, 0.5), (pillarboxed, 0.5)],
+)
 def test_yaw_of_no_full_circle_may_be_wrong_by_a_factor(make, sigma):
     compass, given = VisualCompass(CompassConfig(method="rows")), []
     for index in range(2 * VIEWS + 1):
@@ -190,7 +223,10 @@ def test_factor_is_not_forgotten_by_repeated_images_nor_by_another_size():
 @pytest.mark.parametrize("name", PHOTO_NAMES)
 def test_photographs_are_told_from_their_halves(name):
     panorama = cv2.resize(photo(name), (WIDTH, HEIGHT), interpolation=cv2.INTER_AREA)
-    full, cut = verdict_of(whole, panorama, 30), verdict_of(half, panorama, 30)
+    full, cut, dark, bars = (verdict_of(make, panorama, 30) for make in (whole, half, with_dark_lens, pillarboxed))
     assert full.fault == ""
+    assert bars.has_bars
+    assert not dark.has_bars
+    assert dark.turn_factor_sigma == 0.0
     assert math.isnan(full.seam) or full.seam < 0.25  # half of what is blamed
     assert "do not join" in cut.fault

@@ -16,6 +16,7 @@ from compass.flow.correlation import FLOOR_PX
 from compass.images.strip import Strip
 from compass.increment import CompassStatus, YawIncrement
 from compass.methods.match import Search
+from compass.mount import CameraMount
 from compass.tilt import Tilted
 
 Comparison = Callable[[], YawIncrement | None]
@@ -35,13 +36,16 @@ class View:
     yaw, variance : float
         Sum of the increments until then, rad, and its variance, rad^2.
     tilts : Tilted
-        Tilt of the camera.
+        Tilt of the robot.
+    mount : CameraMount
+        And of the camera on it, as known then.
     """
 
     strip: Strip
     yaw: float
     variance: float
     tilts: Tilted
+    mount: CameraMount
 
 
 class LongBaselines:
@@ -75,11 +79,12 @@ class LongBaselines:
         # either view errs by itself, too, where both were compared with one keyframe
         between = abs(now.variance - view.variance) + 2.0 * (FLOOR_PX * per_px) ** 2
         reach = DISAGREE * math.sqrt(between)
-        match = follow_landmarks(view.strip, now.strip, Search(expected / per_px, reach / per_px, forward_px))
-        turn, variance = match.shift_px * per_px, match.variance_px2 * per_px**2
-        tilts, yaw = view.tilts, view.tilts.after(turn, match.tilt)[1]
+        search = Search(now.mount.on_camera(expected) / per_px, reach / per_px, forward_px)
+        match = follow_landmarks(view.strip, now.strip, search)
+        (turn, tilt), variance = now.mount.on_robot(match.shift_px * per_px, match.tilt), match.variance_px2 * per_px**2
+        tilts, yaw = view.tilts, view.tilts.after(turn, tilt)[1]
         if now.strip.up is not None:
-            tilts, yaw = now.tilts.before(turn, match.tilt)
+            tilts, yaw = now.tilts.before(turn, tilt)
         apart = wrap_angle(yaw - expected) ** 2
         refused = match.status is not CompassStatus.OK or apart > DISAGREE**2 * (between + variance)
         old = now.strip.t_ns - view.strip.t_ns > OLDEST_NS - config.long_baseline_interval * 1e9
@@ -88,5 +93,5 @@ class LongBaselines:
                 self._view = now
         if refused:
             return None
-        found = yaw, float(variance + tilts.variance(turn, config.tilt_sigma)), match.confidence, turn, match.tilt
+        found = yaw, float(variance + tilts.variance(turn, config.tilt_sigma)), match.confidence, turn, tilt
         return YawIncrement(view.strip.t_ns, now.strip.t_ns, *found, long_baseline=True)

@@ -32,7 +32,8 @@ def imu_tilt(reference: Strip, current: Strip, turn: float) -> tuple[float, floa
     """Tilt of the scene about x and y from one view to another as an IMU measures it, rad; none without one."""
     if reference.up is None or current.up is None:
         return 0.0, 0.0
-    return tilt_between(reference.up, current.up, turn)
+    before, now = (current.mount.seen(up) for up in (reference.up, current.up))
+    return tilt_between(before, now, turn)
 
 
 def tilt_error(reference: Strip, tilt: tuple[float, float]) -> float:

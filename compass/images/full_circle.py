@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -39,6 +39,9 @@ HALFWAY = 0.5
 # too / at most 0.84 in 17 of 20 of halves, 13 of 15 of three quarters, 13 of 14 of nine tenths, 11 of 14 of 350 deg.
 # What stays in the picture must itself be so alike: with 0.5 a full circle in fog came to 0.86.
 CROSSES = 0.85
+# Likeness of what crosses a blank part, than which three of four views have more, halfway between at least 0.99 of six
+# photographs and two simulated drives beside bars, and at most 0.83 where part of a full circle is dark.
+CLOSES = 0.91
 TURN_FACTOR_SIGMA = 0.5  # of the turns it shows: of half a circle half is true, two of them show half of it
 
 
@@ -60,6 +63,8 @@ class CircleVerdict:
         Correlation of the two halves, -1..1.
     blank : float
         Share of the width that never shows anything.
+    closing : float
+        As `crossing`, of the picture without what shows nothing; the lower quartile.
     discs : bool
         Whether it is two round pictures side by side.
     """
@@ -71,13 +76,19 @@ class CircleVerdict:
     crossing: float
     twice: float
     blank: float
+    closing: float
     discs: bool
 
     @property
     def turn_factor_sigma(self) -> float:
         """Standard deviation of the factor by which all turns may be wrong alike."""
-        dark = self.blank > MAST and not self.discs  # of a full circle a part may be dark
+        dark = self.blank > MAST and not self.discs and not self.has_bars  # of a full circle a part may be dark
         return TURN_FACTOR_SIGMA if self.fault and not dark else 0.0
+
+    @property
+    def has_bars(self) -> bool:
+        """Whether the circle lies beside something blank: what is shown joins across it."""
+        return self.closing >= CLOSES
 
     @property
     def fault(self) -> str:
@@ -86,6 +97,8 @@ class CircleVerdict:
             return "they are two round pictures side by side, as a camera with two fisheye lenses takes them"
         if self.twice > HALFWAY:
             return f"their two halves show the same (correlation {self.twice:.2f}): the circle twice, as in stereo"
+        if self.has_bars:
+            return f"{100.0 * self.blank:.0f} % of their width are blank bars, beside a circle whose ends join"
         if self.blank > MAST:
             return f"{100.0 * self.blank:.0f} % of their width shows nothing"
         if self.middle > HALFWAY:
@@ -117,6 +130,7 @@ class CircleCheck:
         self._discs = 0
         self._steps: tuple[deque[float], deque[float]] = (deque(maxlen=8 * VIEWS), deque(maxlen=8 * VIEWS))
         self._crossing: deque[float] = deque(maxlen=8 * VIEWS)
+        self._closing: deque[float] = deque(maxlen=8 * VIEWS)
         self._twice: deque[float] = deque(maxlen=8 * VIEWS)
         self._blank: npt.NDArray[np.bool_] | None = None
         self._verdict: CircleVerdict | None = None
@@ -146,6 +160,10 @@ class CircleCheck:
             self._crossing.extend(_likeness_of_crossing(self._last_strip, strip, changed))
             self._twice.append(_likeness_of_halves(strip))
             blank = None if self._blank is None or blank is None else self._blank & blank
+            if blank is not None and 2 * BORDER_PX < np.count_nonzero(blank) < blank.size:
+                rest = _shown_in_one_piece(blank)
+                before, now = (_part(one, rest) for one in (self._last_strip, strip))
+                self._closing.extend(_likeness_of_crossing(before, now, changed[rest]))
         self._last, self._last_strip, self._blank, self._verdict = pixels, strip, blank, None
         shown = pixels if blank is None else pixels[:, ~blank]
         if shown.size:
@@ -173,12 +191,15 @@ class CircleCheck:
         """What was seen so far; None before enough different views were."""
         if self._verdict is None and (self._views >= VIEWS or self._discs >= VIEWS):
             seam, middle = (float(np.median(steps)) if len(steps) >= VIEWS else math.nan for steps in self._steps)
-            crossed = 2 * len(self._crossing) >= VIEWS
-            crossing = float(np.quantile(self._crossing, 0.75)) if crossed else math.nan
+            crossing, closing = (
+                float(np.quantile(found, part)) if 2 * len(found) >= VIEWS else math.nan
+                for found, part in ((self._crossing, 0.75), (self._closing, 0.25))
+            )
             twice = float(np.median(self._twice)) if self._twice else math.nan
             blank = 0.0 if self._blank is None else float(self._blank.mean())
             discs = 2 * self._discs > self._looked
-            self._verdict = CircleVerdict(self._since_ns, self._views, seam, middle, crossing, twice, blank, discs)
+            numbers = seam, middle, crossing, twice, blank, closing
+            self._verdict = CircleVerdict(self._since_ns, self._views, *numbers, discs)
         return self._verdict
 
 
@@ -222,6 +243,19 @@ def _likeness_of_crossing(before: Strip, now: Strip, changed: npt.NDArray[np.boo
         was, is_now = was * both, is_now * both
     across, within = (_correlation(was[:, part], is_now[:, part]) for part in (crossed & shows, ~crossed & shows))
     return [across / within] if within > CROSSES else []
+
+
+def _shown_in_one_piece(blank: npt.NDArray[np.bool_]) -> npt.NDArray[np.intp]:
+    """Columns that show something, from the end of the widest gap on, so that the gap is where their ends meet."""
+    shown = np.flatnonzero(~blank)
+    gaps = np.diff(shown, prepend=shown[-1] - blank.size)
+    return np.roll(shown, -int(gaps.argmax()))
+
+
+def _part(strip: Strip, columns: npt.NDArray[np.intp]) -> Strip:
+    """Some columns of a strip, as if they were all."""
+    pixels = strip.pixels[:, columns]
+    return replace(strip, pixels=pixels - pixels.mean(axis=1, keepdims=True))
 
 
 def _correlation(one: Pixels, other: Pixels) -> float:

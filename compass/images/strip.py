@@ -18,6 +18,7 @@ from compass.images.orientation import Orientation
 from compass.images.projection import projection_of
 from compass.images.seen import Seen
 from compass.images.unwrap import unwrapping
+from compass.mount import UNKNOWN, CameraMount
 from compass.tilt import Vector
 
 Pixels = npt.NDArray[np.float32]
@@ -50,7 +51,9 @@ class Strip:
     means : (rows, 1) float32 array
         What was taken out of `pixels`.
     up : (3,) tuple of float or None
-        The vertical in the camera's frame (x ahead, y left, z up), a unit vector; None where it is not known.
+        The vertical in the robot's frame (x ahead, y left, z up), a unit vector; None where it is not known.
+    mount : CameraMount
+        How the camera is tilted on the robot, as far as it was known when the strip was cut.
     """
 
     t_ns: int
@@ -62,6 +65,7 @@ class Strip:
     seen: Seen | None = None
     means: Pixels | float = 0.0
     up: Vector | None = None
+    mount: CameraMount = UNKNOWN
 
     @property
     def columns(self) -> int:
