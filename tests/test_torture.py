@@ -76,7 +76,7 @@ def test_fault_is_met(who, faulty, fault, name):
         (21089, 0.0),  # a crowd from the start, and a bias that nobody knows: the tracks refuted one, then neither
     ],
 )
-def test_fault_that_was_drawn_is_covered(seed, beyond):
+def test_drawn_fault_that_was_mended_stays_so(seed, beyond):
     row, ride = drawn(seed)
     assert try_on(row, ride, f"drawn {seed}", seed).over4 <= beyond  # s
 
