@@ -43,13 +43,13 @@ def drive(compass, mount, yaws, ground=None):
     return given, np.array(errors)
 
 
-# without the mount 10 deg make turns too small by 5.5 deg a turn, half a degree in 33 deg, until it is learnt
+# a camera that is tilted by m sees turns too small by 1 - cos(m), 5.5 deg a turn at 10 deg, until 33 deg of turning teach it
 @pytest.mark.parametrize("tilt", [(0.0, 10.0), (-6.0, 3.0), (10.0, -12.0)])
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_yaw_of_a_tilted_camera_is_the_robots(tilt, sign):
     compass = VisualCompass(CompassConfig(roi_top=0.3, roi_bottom=0.7), lambda t_ns: (0.0, 0.0, 1.0))
     given, errors = drive(compass, rotation(*np.radians(tilt), 0.0), sign * STEP * np.arange(181))
-    assert np.degrees(np.abs(errors)).max() < 0.5
+    assert np.degrees(np.abs(errors)).max() < 33.0 * (1.0 - math.cos(math.radians(math.hypot(*tilt))))
     assert all(np.hypot(*one.tilt) < math.radians(0.5) for one in given[60:])
 
 

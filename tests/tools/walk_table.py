@@ -1,6 +1,6 @@
 """A real hand-held walk: the raw yaw against a truth summed up from pairs, and against the hall's vanishing point.
 
-    PYTHONPATH=tests python -m tools.walk_table
+PYTHONPATH=tests python -m tools.walk_table
 
 A line for each region and rate: error at the end against the truth, deg, and in deviations, of which the truth has 0.8
 deg; slope of the error over the walk against the vanishing point, deg; RMS error of pairs a second apart against the
@@ -98,7 +98,9 @@ def line(frames, region, step, truth, hall):
 
 def main():
     """Measure the walk at every region and rate."""
-    argparse.ArgumentParser(description=__doc__.splitlines()[0]).parse_args()
+    argparse.ArgumentParser(
+        "walk_table", description=__doc__, formatter_class=argparse.RawTextHelpFormatter
+    ).parse_args()
     truth = json.loads((VIDEO / "corridor_walk_truth.json").read_text())
     at, true = np.array(truth["frame"]), np.array(truth["yaw_deg"])
     video = cv2.VideoCapture(str(VIDEO / "corridor_walk.mp4"))
