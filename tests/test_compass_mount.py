@@ -43,7 +43,7 @@ def drive(compass, mount, yaws, ground=None):
     return given, np.array(errors)
 
 
-# a camera that is tilted by m sees turns too small by 1 - cos(m), 5.5 deg a turn at 10 deg, until 33 deg of turning teach it
+# a camera that is tilted by m sees turns too small by 1 - cos(m), until 33 deg of turning have taught it
 @pytest.mark.parametrize("tilt", [(0.0, 10.0), (-6.0, 3.0), (10.0, -12.0)])
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_yaw_of_a_tilted_camera_is_the_robots(tilt, sign):
