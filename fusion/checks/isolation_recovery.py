@@ -51,9 +51,10 @@ def settle_alternatives(iso: Isolation, window: Window, bias: float) -> Judged:
         if alternative.sensor is Sensor.GYRO and _other_bias_at_rest(alternative, window, bias):
             side = False
         if side is False:  # it erred: the one that is followed is right
-            kept = iso.excludes(alternative.sensor) and alternative.third.side is False
-            refuted = iso.with_alternative(replace(alternative, refuted=True))
-            iso = refuted if kept else iso.without_alternative(alternative.sensor)
+            if iso.excludes(alternative.sensor) and alternative.third.side is False:
+                iso = iso.with_alternative(replace(alternative, refuted=True))
+            else:
+                iso = iso.without_alternative(alternative.sensor)
         elif side is True:
             iso, remedy = _follow(iso, alternative, window, bias)
             if window.part and alternative.third.side is None:  # images moved the yaw before, nobody knows how far

@@ -104,8 +104,9 @@ class CompassUpdate:
         rate = float(ekf.x[State.RATE])
         expected = ekf.expect(measurement)
         others = max(expected.S - ekf.jitter * rate**2, measurement.R)
-        judged = known and (kept or not moved)
-        verdict = self._gating.judge(state, Sensor.COMPASS, measurement, expected) if judged else None
+        verdict = None
+        if known and (kept or not moved):  # `kept`: a view of before what was taken back knows how far the robot turned
+            verdict = self._gating.judge(state, Sensor.COMPASS, measurement, expected)
         known_ns = before.gates[Sensor.COMPASS].accepted_ns
         if verdict is Verdict.ACCEPTED and state.paused_ns > (known_ns or event.sample.t_ref_ns):
             state.turn_count = state.turn_count.after(event.t_ns, measurement.innovation, expected.S)

@@ -256,7 +256,7 @@ def _doubt_since_rest(state: FilterState, window: Window, known: frozenset[Senso
 def _doubt_of_before(state: FilterState, before: Isolation) -> None:
     """Keep what the yaw owes to a gyro that is found to err, but for what is taken back of it.
 
-    That are two windows, or the first alone, or all that an excluded compass claimed.
+    Taken back are two windows, or the first alone, or all that an excluded compass claimed.
     """
     known, turns, last = state.unconfirmed, state.turns, before.last
     back_ns, doubt = turns.start_ns or 0, turns.start.doubt

@@ -92,10 +92,10 @@ class GyroUpdate:
             state.ekf, sample.yaw_rate, variance, scale_observable=state.hears(Sensor.COMPASS)
         )
         expected = state.ekf.expect(measurement)
-        prior, accepted_ns = expected.S - measurement.R, refused.accepted_ns
-        believed = accepted_ns is not None and not state.isolation.excludes(Sensor.GYRO)
-        if believed and measurement.innovation**2 > self._gating.limit * expected.S:
-            allow_start(state.ekf, (event.t_ns - (accepted_ns or 0)) * 1e-9)
+        prior = expected.S - measurement.R
+        since_ns = None if state.isolation.excludes(Sensor.GYRO) else refused.accepted_ns
+        if since_ns is not None and measurement.innovation**2 > self._gating.limit * expected.S:
+            allow_start(state.ekf, (event.t_ns - since_ns) * 1e-9)
             expected = state.ekf.expect(measurement)
         verdict = self._gating.judge(state, Sensor.GYRO, measurement, expected)
         if not state.stillness.standing and verdict is Verdict.ACCEPTED:

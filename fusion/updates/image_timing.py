@@ -36,7 +36,7 @@ def exposure(ekf: YawEkf, t_ns: int, trail: GyroTrail | None) -> Exposure:
     unseen = ekf.config.watched_rate_walk**2 * max(-delay, 0.0) ** 3 / 3.0  # exposed after the last sample
     last = trail.points[-1]
     held, since = (last.rate - bias) / gain, min(max(delay, 0.0), (t_ns - last.t_ns) * 1e-9)
-    # of a gyro whose samples come late the rate is held, and the images may know by now that it is another
+    # a gyro whose samples come late: its last rate is held, and the filter may know of another from the images
     unseen += ((float(ekf.x[State.RATE]) - held) ** 2 + float(ekf.P[State.RATE, State.RATE])) * since**2
     return Exposure(delay, turn, rate, claimed.variance + unseen, watched=True)
 
