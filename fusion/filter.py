@@ -141,6 +141,7 @@ class YawFilter:
     def _confirm(self, before: FilterState, state: FilterState, event: FusionEvent) -> None:
         """Note whether two sensors agree on the yaw, or who has spoken since they did."""
         gate, unconfirmed, agreed = state.gates[Sensor.COMPASS], state.unconfirmed, isinstance(event, HeadingEvent)
+        older = 0.0  # of what is in doubt, than the view that an image is compared with
         refused = gate.rejecting_since_ns is not None
         window_over = state.turns.start_ns == event.t_ns and before.turns.start_ns is not None
         if unconfirmed is not None and window_over:
@@ -153,6 +154,7 @@ class YawFilter:
         elif isinstance(event, CompassEvent) and gate.accepted_ns == event.t_ns and gate.report:
             off, variance = gate.report.innovation, event.sample.variance
             agreed = unconfirmed is None or unconfirmed.confirmed_by(off, variance, state.belief)
+            older = before.clones.doubt(event.sample.t_ref_ns)
         elif window_over:
             agreed = not refused or state.isolation.contradicted
             if unconfirmed and not state.hears(Sensor.COMPASS):
@@ -164,8 +166,11 @@ class YawFilter:
             doubt, error = before.unconfirmed_variance, 0.0
             if isinstance(event, CompassEvent):  # it confirms to within its own error
                 error = event.sample.variance + state.jitter.variance * float(state.x[State.RATE]) ** 2
-            left = doubt * error / (doubt + error) if error > 0.0 else 0.0
+            older = min(older, doubt)
+            left = older + ((doubt - older) * error / (doubt - older + error) if error > 0.0 else 0.0)
             unconfirmed = replace(state.confirmed(self.config.initial_rate_sigma), left=left)
+            if not older:
+                state.clones = state.clones.confirmed()
         elif unconfirmed is not None and unconfirmed.is_alone(event.t_ns) and sum(map(state.hears, Sensor)) < 2:
             unconfirmed = None
         elif unconfirmed is not None and isinstance(event, TracksEvent):
@@ -175,6 +180,8 @@ class YawFilter:
         if unconfirmed is not None and state.is_blind(refused=refused):
             unconfirmed = unconfirmed.blind(event.t_ns)
         state.unconfirmed = unconfirmed
+        if isinstance(event, CompassEvent):
+            state.clones = state.clones.doubted(event.t_ns, state.unconfirmed_variance if refused else older)
 
     def lost(self, state: FilterState, variance: float) -> FilterState:
         """A start from the yaw of a state, to which `variance`, rad^2, is added: it may have turned unseen."""

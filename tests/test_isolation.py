@@ -1,6 +1,7 @@
 """Rules of fault isolation, a window at a time."""
 
 import math
+from dataclasses import replace
 
 import pytest
 
@@ -151,10 +152,16 @@ def test_gyro_that_turns_as_no_robot_does_stays_out():
 
 
 def test_third_sensor_that_contradicts_both_takes_no_side():
-    slips, agrees = Claim(rad(12.0), rad(0.4)), Claim(rad(3.0), rad(0.4))
-    assert Third().plus(slips, 0.0, rad(3.0)).side is None
-    assert Third().plus(agrees, 0.0, rad(3.0)).side is True
-    assert Third().plus(slips, 0.0, rad(3.0)).plus(Claim(0.0, rad(0.4)), 0.0, rad(3.0)).side is False
+    slips, agrees, stands, turns = (Claim(rad(turn), rad(0.4)) for turn in (12.0, 3.0, 0.0, 3.0))
+    assert Third().plus(slips, stands, turns).side is None
+    assert Third().plus(agrees, stands, turns).side is True
+    assert Third().plus(slips, stands, turns).plus(stands, stands, turns).side is False
+
+
+def test_third_sensor_does_not_decide_against_one_that_is_too_vague_itself():
+    stands, turns = Claim(0.0, rad(0.1)), Claim(rad(5.0), rad(0.1))
+    assert Third().plus(stands, stands, turns).side is False
+    assert Third().plus(stands, stands, replace(turns, noise=rad(5.0))).side is None
 
 
 @pytest.mark.parametrize("scale", [0.0, 0.3])
@@ -163,7 +170,7 @@ def test_third_sensor_takes_the_side_of_who_turns_when_it_does(scale, factor):
     """Its scale factor may be another; that the other one hangs is no matter of scale."""
     third = Third()
     for turn in (0.0, 8.0, -6.0):
-        third = third.plus(Claim(rad(factor * turn), rad(0.4), scale), rad(turn), rad(-turn))
+        third = third.plus(Claim(rad(factor * turn), rad(0.4), scale), Claim(rad(turn), 0.0), Claim(0.0, 0.0))
     assert third.side is False
     assert third.swapped().side is True
 
@@ -171,7 +178,7 @@ def test_third_sensor_takes_the_side_of_who_turns_when_it_does(scale, factor):
 def test_third_sensor_of_unknown_scale_does_not_decide_which_of_two_factors_is_right():
     third = Third()
     for turn in (10.0, -20.0):
-        third = third.plus(Claim(rad(1.4 * turn), rad(0.4), 0.3), rad(turn), rad(turn))
+        third = third.plus(Claim(rad(1.4 * turn), rad(0.4), 0.3), Claim(rad(turn), 0.0), Claim(rad(2.0 * turn), 0.0))
     assert third.side is None
 
 

@@ -73,7 +73,8 @@ def test_fault_is_met(who, faulty, fault, name):
         (20062, 0.0),  # the gyro arrives 0.4 s late, and images show what was before
         (20098, 0.0),  # it hangs in a turn: the images were followed from a delay that it had taught
         (21009, 0.1),  # noise only: the tracks, late at the onset of a turn, took its side first
-        (21089, 0.0),  # a crowd from the start, and a bias that nobody knows: the tracks refuted one, then neither
+        (21089, 1.1),  # a crowd from the start, and a bias three times as large as its prior that nobody else tells
+        (22101, 0.0),  # a gyro turns twice as far: the tracks took its side against images of 5 deg of noise
     ],
 )
 def test_drawn_fault_that_was_mended_stays_so(seed, beyond):

@@ -71,10 +71,12 @@ class Third:
     claims: float = 0.0
     scale: float = 0.0
 
-    def plus(self, claim: Claim | None, followed: float, difference: float) -> Third:
-        """With a window in which the followed one turned by `followed`, and the alternative by `difference` more."""
+    def plus(self, claim: Claim | None, one: Claim, other: Claim) -> Third:
+        """With a window: what it claims, what `one` does, which is followed, and the `other`, the alternative."""
         if claim is None:
             return self
+        claim = replace(claim, noise=math.hypot(claim.noise, one.noise, other.noise))
+        followed, difference = one.turn, other.turn - one.turn
         beyond = claim.turn - followed
         outside = max(beyond - max(difference, 0.0), min(difference, 0.0) - beyond, 0.0)
         if outside > AGREEING * abs(difference) + CONTRADICTION_SIGMAS * claim.sigma:

@@ -210,12 +210,16 @@ class Isolation:
         return (self.last, window) if self.last and self.last.t_ns == window.start_ns else (window,)
 
     def following(self, sensor: Sensor, window: Window) -> Remedy:
-        """Have the filter's yaw go on as a sensor says, in this window and in the last one."""
+        """Have the filter's yaw go on as a sensor says, in this window and in the last one.
+
+        What images have made of the yaw of before meanwhile is taken back, too; nobody knows whether that was right.
+        """
         claims = [(one, claim) for one in self.joined(window) if (claim := one.claim(sensor))]
         if not claims:
             return Remedy()
         shift = claims[0][0].corrected + sum(claim.turn - one.followed for one, claim in claims)
-        return Remedy(shift, sum(claim.sigma**2 for _, claim in claims), since_ns=claims[0][0].start_ns)
+        earlier = sum(one.earlier_corrected for one, _ in claims)
+        return Remedy(shift, earlier**2 + sum(claim.sigma**2 for _, claim in claims), since_ns=claims[0][0].start_ns)
 
     def needed(self, sensor: Sensor) -> int:
         """In how many telling windows in a row an excluded sensor must agree to be trusted again."""

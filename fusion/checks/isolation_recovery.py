@@ -33,7 +33,7 @@ def with_window(alternative: Alternative, window: Window, bias: float) -> Altern
     third = alternative.third
     tracks = window.tracks if window.tracks_spoke else None  # whose zeros may be all that they ever say
     if contradict(replace(claim, turn=turn), followed, window.seconds) and followed:  # in others it takes no side
-        third = third.plus(tracks, followed.turn, turn - followed.turn)
+        third = third.plus(tracks, followed, replace(claim, turn=turn))
     return replace(alternative.plus(turn - window.followed, window), third=third)
 
 

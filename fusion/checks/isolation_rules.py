@@ -111,7 +111,7 @@ def _gyro_steps(iso: Isolation, long: Window, bias: float) -> Judged | None:
     least = max(GROSS * WINDOW_NS * 1e-9, SCALED * gyro.scale * abs(compass.turn))
     if not (least < abs(off) <= GROSS * long.seconds and contradict(gyro, compass, 0.0)):
         return None
-    third = Third().plus(long.tracks, gyro.turn, -off).swapped()
+    third = Third().plus(long.tracks, compass, gyro)
     iso = iso.noting(long).with_alternative(
         Alternative(Sensor.GYRO, long.start_ns, off, bias, third, long.t_ns, off / long.seconds)
     )
@@ -209,7 +209,7 @@ def _gyro_against_compass(iso: Isolation, gyro: Claim, compass: Claim, window: W
     Of images that say themselves that they show less than the full circle it is no alternative, either.
     """
     off = gyro.turn - compass.turn
-    third = Third().plus(window.tracks, gyro.turn, -off)
+    third = Third().plus(window.tracks, gyro, compass)
     before = [one.compass.turn - one.gyro.turn for one in iso.joined(window)[:-1] if one.compass and one.gyro]
     images = Alternative(Sensor.COMPASS, window.start_ns, sum(before), third=third)
     side = False if window.part and not surely_gyro(window, compass.turn) else iso.side(images, window)

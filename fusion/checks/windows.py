@@ -187,6 +187,8 @@ class Turns:
         When the compass last spoke.
     corrected : float
         By how much the image at its beginning moved the yaw, rad.
+    earlier_corrected : float
+        By how much all its images have moved the yaw of before, rad: that is no turn.
     """
 
     start_ns: int | None = None
@@ -197,6 +199,7 @@ class Turns:
     compass: CompassTurn | None = None
     compass_ns: int | None = None
     corrected: float = 0.0
+    earlier_corrected: float = 0.0
 
     def with_gyro(self, sample: GyroSample) -> Turns:
         """After a gyro sample."""
@@ -212,6 +215,7 @@ class Turns:
             self.compass,
             self.compass_ns,
             self.corrected,
+            self.earlier_corrected,
         )
 
     def with_tracks(self, sample: OdometrySample, *, by_poses: bool) -> Turns:
@@ -232,6 +236,10 @@ class Turns:
         return Turns(
             t_ns, start, self.start if self.start_ns is not None else start, gyro, tracks, compass, self.compass_ns
         )
+
+    def with_correction(self, earlier: float) -> Turns:
+        """After an image that has moved the yaw of the one it is compared with by `earlier`, rad."""
+        return replace(self, earlier_corrected=self.earlier_corrected + earlier) if earlier else self
 
     def ends_at_image(self) -> bool:
         """Whether the newest increment ends the window, or begins one because nothing joins it to the last."""
@@ -300,6 +308,8 @@ class Window:
         None where the sensor did not measure all of it.
     followed, corrected : float
         By how much the filter's yaw went on, rad, and how much of that the image at its beginning did.
+    earlier_corrected : float
+        How much of that is no turn, rad: images moved the yaw of before as well.
     gyro_repeats : bool
         Whether the gyro gave one and the same number all the time.
     gyro_hangs : bool
@@ -333,6 +343,7 @@ class Window:
     stood: bool = False
     part: bool = False
     gyro_hangs: bool = False
+    earlier_corrected: float = 0.0
 
     def plus(self, later: Window) -> Window:
         """This window and the next one as one."""
@@ -353,6 +364,7 @@ class Window:
             self.stood and later.stood,
             self.part or later.part,
             self.gyro_hangs and later.gyro_hangs,
+            self.earlier_corrected + later.earlier_corrected,
         )
 
     @property

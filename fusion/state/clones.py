@@ -26,6 +26,8 @@ class Clone:
         Of the image.
     placed_ns : int
         When its yaw was last given: at its time, or later, where an increment put it.
+    doubt : float
+        What is unconfirmed of its yaw, rad^2: who turns since then as an increment says is confirmed but for that.
     long_baseline : bool
         Whether it belongs to the last increment from some seconds ago, so that the next one may refer to it.
     """
@@ -36,6 +38,7 @@ class Clone:
     exposure: Exposure
     placed_ns: int
     long_baseline: bool = False
+    doubt: float = 0.0
 
 
 @record
@@ -74,6 +77,24 @@ class Clones:
         """With the yaw of the clone in a slot given anew at `t_ns`."""
         clone = self.slots[slot]
         return self.put(slot, replace(clone, placed_ns=t_ns)) if clone else self
+
+    def doubted(self, t_ns: int, doubt: float) -> Clones:
+        """With so much of the yaw of the clone of a time unconfirmed, rad^2."""
+        slot = self.slot_of(t_ns)
+        clone = None if slot is None else self.slots[slot]
+        return self.put(slot, replace(clone, doubt=doubt)) if slot is not None and clone else self
+
+    def confirmed(self) -> Clones:
+        """With all of them as sure as the yaw is now: nothing is unconfirmed any more."""
+        if not any(c and c.doubt for c in self.slots):
+            return self
+        return Clones(tuple(replace(c, doubt=0.0) if c else None for c in self.slots))
+
+    def doubt(self, t_ns: int) -> float:
+        """What is unconfirmed of the yaw of a time, rad^2, as far as it is remembered."""
+        slot = self.slot_of(t_ns)
+        clone = None if slot is None else self.slots[slot]
+        return clone.doubt if clone else 0.0
 
     def kept(self, *slots: int) -> Clones:
         """With the clones in these slots, and no others, kept for the next increment from some seconds ago."""

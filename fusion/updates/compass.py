@@ -106,7 +106,9 @@ class CompassUpdate:
         others = max(expected.S - ekf.jitter * rate**2, measurement.R)
         verdict = None
         if known and (kept or not moved):  # `kept`: a view of before what was taken back knows how far the robot turned
+            seen_from = float(ekf.x[since])
             verdict = self._gating.judge(state, Sensor.COMPASS, measurement, expected)
+            state.turns = state.turns.with_correction(float(ekf.x[since]) - seen_from)
         known_ns = before.gates[Sensor.COMPASS].accepted_ns
         if verdict is Verdict.ACCEPTED and state.paused_ns > (known_ns or event.sample.t_ref_ns):
             state.turn_count = state.turn_count.after(event.t_ns, measurement.innovation, expected.S)

@@ -167,6 +167,7 @@ class FaultIsolation:
             turns.start.standing and state.stillness.standing,
             increment is not None and increment.factor_sigma > 0.0,
             gyro_hangs=repeats and state.gyro_noise.stuck,
+            earlier_corrected=turns.earlier_corrected,
         )
 
     def note_refusal(
