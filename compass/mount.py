@@ -48,6 +48,21 @@ class CameraMount:
     variance: float = SIGMA**2
     noise: float = NOISE**2
 
+    @property
+    def roll(self) -> float:
+        """Of the camera on the robot, rad: positive where its right side is lower."""
+        return math.atan2(self.y, math.sqrt(1.0 - self.x**2 - self.y**2))
+
+    @property
+    def pitch(self) -> float:
+        """Of the camera on the robot, rad: positive where its front is lower."""
+        return -math.asin(self.x)
+
+    @property
+    def sigma(self) -> float:
+        """Standard deviation of either, rad."""
+        return math.sqrt(self.variance)
+
     def on_robot(self, turn: float, tilt: tuple[float, float]) -> tuple[float, tuple[float, float]]:
         """Turn and tilt of the robot, rad, of those that its camera saw, see `compass.tilt.Tilted.after`."""
         to_camera = self._rotation()
