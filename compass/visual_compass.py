@@ -34,7 +34,7 @@ from compass.unmeasured_turn import LostTurn, LostTurns
 UpAt = Callable[[int], Vector | None]
 
 # A camera never gives the very same image for so long; a video may, frame by frame. A view so old is sought by its
-# corners, and so often: it takes as long as ten comparisons.
+# corners, and so often: it takes as long as some forty comparisons.
 FROZEN_NS = SECOND_NS // 2
 
 
