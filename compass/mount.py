@@ -14,19 +14,18 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from compass.tilt import Vector, about_z, beyond_error, camera_rotation, tilt_between
+from compass.agreement import DISAGREE
+from compass.tilt import STEEPEST_COSINE, TILT_NOISE, Vector, about_z, beyond_error, camera_rotation, tilt_between
 
 LEVEL: Vector = (0.0, 0.0, 1.0)
-SIGMA = math.radians(3.0)  # of a mount that nothing is known of
-DOUBT = 2.0  # deviations: a tilt is taken for the mount's as far as it is beyond them
-# Of the tilts that corners and IMU together give: at first, as `compass.features.prior.TILT_NOISE`, and at least, of a
-# simulated drive on level ground; rad
-NOISE, LEAST_NOISE = 0.01, 0.001
-RECENT = 20.0  # images over which that noise is learnt
+# Half and double of each: docs/lab-notes/mount-2026-11-30.md.
+# Of a mount that nothing is known of; with 3 deg one that is knocked askew errs ten times as much.
+SIGMA = math.radians(6.0)
+# rad, least noise of the tilts that corners and IMU give together: of a simulated drive on level ground. With ten times
+# as much, one that is knocked askew may stay unnoticed in small turns.
+LEAST_NOISE = 0.001
+RECENT = 20.0  # images over which that noise is learnt; without it a knock is found late
 LASTS = 5.0  # images in which an error is much the same, as they are compared with one keyframe
-MEMORY = 30.0  # of turns, sum of squared chords, after which a mount is forgotten: it may have given way
-KNOCKED = 3.0  # deviations beyond which the camera stands otherwise than before
-STEEPEST = 0.5  # sine of the tilt, 30 deg: more is no camera that looks at the horizon
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +45,22 @@ class CameraMount:
     x: float = 0.0
     y: float = 0.0
     variance: float = SIGMA**2
-    noise: float = NOISE**2
+    noise: float = TILT_NOISE**2
+
+    @property
+    def roll(self) -> float:
+        """Of the camera on the robot, rad: positive where its right side is lower."""
+        return math.atan2(self.y, math.sqrt(1.0 - self.x**2 - self.y**2))
+
+    @property
+    def pitch(self) -> float:
+        """Of the camera on the robot, rad: positive where its front is lower."""
+        return -math.asin(self.x)
+
+    @property
+    def sigma(self) -> float:
+        """Standard deviation of either, rad."""
+        return math.sqrt(self.variance)
 
     def on_robot(self, turn: float, tilt: tuple[float, float]) -> tuple[float, tuple[float, float]]:
         """Turn and tilt of the robot, rad, of those that its camera saw, see `compass.tilt.Tilted.after`."""
@@ -83,13 +97,14 @@ class CameraMount:
         aside = tilt[1] - expected[1], expected[0] - tilt[0], 0.0  # by how much the vertical seems to have moved
         back = about_z(aside, -turn)
         chord = 2.0 * (1.0 - math.cos(turn))  # squared, (R - 1)' (R - 1)
-        variance, noise = min(self.variance * (1.0 + chord / MEMORY), SIGMA**2), self.noise
+        variance, noise = self.variance, self.noise
         missed = aside[0] ** 2 + aside[1] ** 2
-        if missed > 2.0 * KNOCKED**2 * (variance * chord + LASTS * noise):
-            variance, noise = SIGMA**2, NOISE**2
+        if missed > 2.0 * DISAGREE**2 * (variance * chord + LASTS * noise):  # it was knocked
+            variance, noise = SIGMA**2, TILT_NOISE**2
         gain = variance / (variance * chord + LASTS * noise)
         x, y = self.x + gain * (back[0] - aside[0]), self.y + gain * (back[1] - aside[1])
-        less = min(STEEPEST / max(math.hypot(x, y), STEEPEST), 1.0)
+        steepest = math.sqrt(1.0 - STEEPEST_COSINE**2)  # beyond it a camera does not look at the horizon
+        less = min(steepest / max(math.hypot(x, y), steepest), 1.0)
         left = (1.0 - gain * chord) * missed / 2.0
         noise = max(noise + (left - noise) / RECENT, LEAST_NOISE**2)
         return CameraMount(less * x, less * y, (1.0 - gain * chord) * variance, noise)
@@ -97,7 +112,7 @@ class CameraMount:
     def _rotation(self) -> npt.NDArray[np.float64] | None:
         """From the robot's frame to the camera's, as far as it is beyond doubt; None where that is level."""
         up = self.x, self.y, math.sqrt(1.0 - self.x**2 - self.y**2)
-        x, y, _ = beyond_error(up, DOUBT * math.sqrt(self.variance))
+        x, y, _ = beyond_error(up, self.sigma)
         sine = math.hypot(x, y)
         if not sine:
             return None

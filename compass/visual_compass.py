@@ -34,7 +34,7 @@ from compass.unmeasured_turn import LostTurn, LostTurns
 UpAt = Callable[[int], Vector | None]
 
 # A camera never gives the very same image for so long; a video may, frame by frame. A view so old is sought by its
-# corners, and so often: it takes as long as ten comparisons.
+# corners, and so often: it takes as long as some forty comparisons.
 FROZEN_NS = SECOND_NS // 2
 
 
@@ -71,6 +71,8 @@ class VisualCompass:
         What became of the images so far.
     circle : CircleCheck
         Whether they show the full circle.
+    mount : CameraMount
+        How the camera is tilted on the robot, as far as its turns have shown; unknown without `up_at`.
 
     Examples
     --------
@@ -96,7 +98,7 @@ class VisualCompass:
         self._lost_turns = LostTurns()
         self._keyframe: View | None = None  # what images are compared with
         self._tilt = Tilted()  # at the last good image
-        self._mount = CameraMount()
+        self.mount = CameraMount()
         self._last: Strip | None = None  # the last image that gave an increment, or the keyframe
         self._last_variance = 0.0  # of the yaw there
         self._last_increment: YawIncrement | None = None  # to it; None for the keyframe
@@ -156,7 +158,7 @@ class VisualCompass:
         if isinstance(image, np.ndarray):
             image = image.view(np.ndarray)  # a matrix has no rows of one dimension, a masked array no minimum
         strip = prepare_strip(t_ns, image, self.config, encoding, self._mask, self._up_at(t_ns))
-        strip = replace(strip, mount=self._mount)
+        strip = replace(strip, mount=self.mount)
         self.status = self._judge_strip(strip)
         if strip.texture >= MIN_TEXTURE and self.config.is_full_panorama:
             self.circle.look(strip, Orientation.of(self.config).upright(image), encoding)
@@ -203,7 +205,7 @@ class VisualCompass:
 
     def _last_view(self, last: Strip) -> View:
         """The last good image, its yaw and its tilt."""
-        return View(last, self.yaw, self._last_variance, self._tilt, self._mount)
+        return View(last, self.yaw, self._last_variance, self._tilt, self.mount)
 
     def _backward(self, t_ns: int) -> bool:
         """Whether the image is to be ignored; where time went back for good, it is the first of its time."""
@@ -318,8 +320,8 @@ class VisualCompass:
         reference_ns, per_px = keyframe.strip.t_ns, math.tau / keyframe.strip.columns
         turn = match.shift_px * per_px
         if keyframe.strip.up is not None and strip.up is not None and any(match.tilt):  # else it is not known
-            self._mount = self._mount.after(turn, match.tilt, keyframe.strip.up, strip.up)
-        turn, tilt = self._mount.on_robot(turn, match.tilt)
+            self.mount = self.mount.after(turn, match.tilt, keyframe.strip.up, strip.up)
+        turn, tilt = self.mount.on_robot(turn, match.tilt)
         now = self._tilt_of(strip)
         if now is None:
             before = keyframe.tilts

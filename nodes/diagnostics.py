@@ -137,5 +137,8 @@ def compass_figures(compass: VisualCompass, confidence: float) -> dict[str, str]
         "confidence": f"{confidence:.3f}",
         "yaw [deg]": f"{math.degrees(compass.yaw):.2f}",
         "yaw sigma [deg]": f"{math.degrees(math.sqrt(compass.yaw_variance)):.3f}",
+        "camera roll on the robot [deg]": f"{math.degrees(compass.mount.roll):.2f}",
+        "camera pitch on the robot [deg]": f"{math.degrees(compass.mount.pitch):.2f}",
+        "camera tilt sigma [deg]": f"{math.degrees(compass.mount.sigma):.2f}",
     }
     return figures | {f"images: {status.value}": str(count) for status, count in dict(compass.counts).items()}

@@ -1,15 +1,20 @@
 """A camera that is not mounted level on the robot: the mount is learnt from turns, and the yaw stays true."""
 
+import json
 import math
 
 import cv2
 import numpy as np
 import pytest
 from panoramas import FRAME_NS, START_NS, as_bytes, scene
+from tiny_bags import TinyBag, TinyDrive, fill
 
 from compass import CompassConfig, VisualCompass
-from compass.mount import LEVEL, SIGMA, STEEPEST, CameraMount
-from compass.tilt import camera_rotation
+from compass.mount import LEVEL, SIGMA, CameraMount
+from compass.tilt import STEEPEST_COSINE, camera_rotation
+from fusion.offline.cli import main
+
+pytestmark = pytest.mark.usefixtures("without_plot")
 
 WIDTH, HEIGHT = 512, 256
 SCENE = scene(3, WIDTH, HEIGHT)
@@ -51,6 +56,10 @@ def test_yaw_of_a_tilted_camera_is_the_robots(tilt, sign):
     given, errors = drive(compass, rotation(*np.radians(tilt), 0.0), sign * STEP * np.arange(181))
     assert np.degrees(np.abs(errors)).max() < 33.0 * (1.0 - math.cos(math.radians(math.hypot(*tilt))))
     assert all(np.hypot(*one.tilt) < math.radians(0.5) for one in given[60:])
+    # it says what it has learnt, by REP 103: that the camera leans to the right and looks down
+    learnt = np.degrees([compass.mount.roll, compass.mount.pitch])
+    assert learnt == pytest.approx(tilt, abs=max(3.0 * math.degrees(compass.mount.sigma), 0.5))
+    assert compass.mount.sigma < math.radians(0.5)
 
 
 def test_level_camera_on_a_tilted_robot_is_level():
@@ -63,6 +72,39 @@ def test_level_camera_on_a_tilted_robot_is_level():
     compass = VisualCompass(CompassConfig(roi_top=0.3, roi_bottom=0.7), up)
     given, _ = drive(compass, np.eye(3), STEP * np.arange(91), ground)
     assert all(np.hypot(*one.tilt) < math.radians(0.3) for one in given[1:])
+
+
+def test_mount_without_an_imu_stays_unknown():
+    compass = VisualCompass(CompassConfig(roi_top=0.3, roi_bottom=0.7))
+    drive(compass, rotation(0.0, math.radians(10.0), 0.0), STEP * np.arange(31))
+    assert compass.mount == CameraMount()
+
+
+class Askew(TinyDrive):
+    """A robot that turns, level, whose camera looks down by 10 deg."""
+
+    def panorama(self, t, seed=5):
+        return as_bytes(seen_by(rotation(0.0, 0.0, self.yaw(t)) @ rotation(0.0, math.radians(10.0), 0.0)), 1.0, seed)
+
+
+def test_fuse_tells_how_the_camera_is_mounted(tmp_path, capsys):
+    with TinyBag(tmp_path / "bag") as bag:
+        fill(bag, Askew(seconds=10.0))
+    assert main(["fuse", str(tmp_path / "bag"), "--out", str(tmp_path / "out")]) == 0
+    assert "the camera is not mounted level on the robot: roll " in capsys.readouterr().out
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    angles = [summary["camera_roll_deg"], summary["camera_pitch_deg"]]
+    assert angles == pytest.approx([0.0, 10.0], abs=max(3.0 * summary["camera_tilt_sigma_deg"], 0.5))
+    assert summary["camera_tilt_sigma_deg"] < 0.5
+
+
+def test_diagnostics_tell_how_the_camera_is_mounted():
+    diagnostics = pytest.importorskip("nodes.diagnostics", reason="needs ROS", exc_type=ImportError)
+    compass = VisualCompass()
+    compass.mount = CameraMount(0.1, -0.05, variance=math.radians(0.2) ** 2)
+    figures = diagnostics.compass_figures(compass, 1.0)
+    told = [figures[f"camera {what} [deg]"] for what in ("roll on the robot", "pitch on the robot", "tilt sigma")]
+    assert told == ["-2.88", "-5.74", "0.20"]
 
 
 def split(seen):
@@ -111,4 +153,4 @@ def test_mount_is_not_learnt_from_bumps_nor_at_rest():
 @pytest.mark.parametrize("degrees", [60.0, -80.0])
 def test_mount_stays_one_of_a_camera_that_looks_at_the_horizon(degrees):
     mount = learnt_from(CameraMount(), degrees, [0.3, -0.5] * 50)
-    assert math.hypot(mount.x, mount.y) <= STEEPEST + 1e-12
+    assert math.sqrt(1.0 - mount.x**2 - mount.y**2) >= STEEPEST_COSINE - 1e-12

@@ -110,7 +110,7 @@ def test_run_with_two_processes_is_the_same_to_the_bit():
         elsewhere = fuse_recording(recording, Settings(), looks=Looks(recording, Settings(), process.see))
     assert len({row.warnings for row in here.rows}) > 8
     assert here.compass_counts[CompassStatus.SIZE_CHANGED] == here.compass_counts[CompassStatus.BACKWARD_STAMP] == 1
-    for name in ("rows", "compass_counts", "fusion_counts", "gates", "warnings"):
+    for name in ("rows", "compass_counts", "mount", "fusion_counts", "gates", "warnings"):
         assert repr(getattr(elsewhere, name)) == repr(getattr(here, name)), name
 
 

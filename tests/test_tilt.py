@@ -239,8 +239,12 @@ def test_compass_that_is_told_how_it_leans_says_headings():
 
 def test_user_is_told_that_the_robot_leant_or_that_a_gap_was_crossed():
     knows = {"camera_delay_s": None, "camera_delay_sigma_s": None, "images": {}}
+    knows |= {"camera_roll_deg": 3.0, "camera_pitch_deg": -3.9, "camera_tilt_sigma_deg": 0.1}
     assert remarks(knows | {"greatest_tilt_deg": None}) == remarks(knows | {"greatest_tilt_deg": 5.0}) == []
     assert "tilted by up to 20 deg" in remarks(knows | {"greatest_tilt_deg": 20.4})[0]
+    askew = knows | {"greatest_tilt_deg": None, "camera_pitch_deg": -12.0}
+    assert "roll 3.0 and pitch -12.0 +- 0.1 deg" in remarks(askew)[0]
+    assert remarks(askew | {"camera_tilt_sigma_deg": 4.2}) == []
     found = remarks(knows | {"greatest_tilt_deg": None, "images": {"ok": 9, "found_again": 2}})
     assert found == ["after 2 gaps in what the camera showed the compass found its last view again"]
 

@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from compass.features.padded_strip import MARGIN, Picture
 from compass.features.prior import FEWEST
-from compass.flow.correlation import Floats, signed
+from compass.flow.correlation import Floats
 from compass.images.strip import Strip
 
 Indices = npt.NDArray[np.intp]
@@ -97,7 +97,8 @@ def look_alikes(seen: Landmarks) -> Indices:
     if len(seen.corners) < FEWEST:
         return np.empty((0, 2), np.intp)
     column, descriptors = seen.corners[:, 0], seen.descriptors
-    elsewhere = np.abs(signed(column[:, None] - column, seen.picture.columns)) > seen.patch_px
+    apart = np.abs(column[:, None] - column)
+    elsewhere = (apart > seen.patch_px) & (apart < seen.picture.columns - seen.patch_px)
     nearest = cv2.batchDistance(
         descriptors, descriptors, cv2.CV_32S, normType=cv2.NORM_HAMMING, K=1, mask=elsewhere.astype(np.uint8)
     )[1][:, 0]

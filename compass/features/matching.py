@@ -191,22 +191,25 @@ def _matched_views(reference: Strip, current: Strip, search: Search) -> tuple[Vi
     return (views, pairs) if len(pairs) >= FEWEST else None
 
 
-def _found(views: Views, corners: Corners, besides: float | None = None) -> Fit:
+def _found(views: Views, corners: Corners) -> Fit:
     """The motion with most inliers, of those that pairs of corners agree on, whatever the turn; see `likely_states`.
 
     Not the likeliest: where views are far apart, that may be one with large parallaxes for fewer corners.
     """
-    trials, px = [], corners.per_column
-    for state in likely_states(corners.tangents, corners.seen, besides):
-        mean = views.expected(float(state[State.YAW]))
-        fit = ascend(corners.problem(state, mean), Start.unknown(state[None]), FIRST_PX * px)
-        trials.append(ascend(corners.problem(fit.states[0], mean), fit, NEXT_PX * px))  # linear about the last state
+    trials = [_refined(views, corners, state) for state in likely_states(corners.tangents, corners.seen)]
     support = np.array([np.count_nonzero(_inliers(views, corners, trial)) for trial in trials])
     best = trials[support.argmax()]
     best.ambiguity = ambiguity(
         np.array([trial.states[0, State.YAW] for trial in trials]), support - support.max(), best
     )
     return best
+
+
+def _refined(views: Views, corners: Corners, state: Floats) -> Fit:
+    """The motion near a (5,) state that explains the corners."""
+    px, mean = corners.per_column, views.expected(float(state[State.YAW]))
+    fit = ascend(corners.problem(state, mean), Start.unknown(state[None]), FIRST_PX * px)
+    return ascend(corners.problem(fit.states[0], mean), fit, NEXT_PX * px)  # linear about the last state
 
 
 def _inliers(views: Views, corners: Corners, motion: Fit) -> Flags:
@@ -225,8 +228,14 @@ def _evidence(views: Views, corners: Corners, motion: Fit) -> float:
 
 
 def _rival(views: Views, corners: Corners, besides: float) -> float:
-    """Nats of evidence for the best motion that turns elsewhere, rad; 0 where there are few corners."""
-    return _evidence(views, corners, _found(views, corners, besides)) if len(corners.at) >= FEWEST else 0.0
+    """Nats of evidence for the motion that most corners agree on and that turns elsewhere; 0 where there are few.
+
+    Only the first of the likely states is refined: the evidence is all that is asked for.
+    """
+    if len(corners.at) < FEWEST:
+        return 0.0
+    state = likely_states(corners.tangents, corners.seen, besides)[0]
+    return _evidence(views, corners, _refined(views, corners, state))
 
 
 @lru_cache(maxsize=2)

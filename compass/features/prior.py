@@ -8,14 +8,11 @@ import numpy as np
 
 from compass.features.points import Floats
 from compass.images.strip import Strip
-from compass.tilt import tilt_between
+from compass.tilt import TILT_NOISE, tilt_between
 
 # rad, how far a ground is off level: tilt of the scene between two views beside what an IMU measures, and climb of the
 # direction of travel against the camera's level
 TILT_SIGMA = math.radians(3.0)
-# rad, error of the tilt in what it does to a yaw, with an IMU: two rotations in either order differ by half of their
-# product, and `tilt_sigma` is 0.02
-TILT_NOISE = 0.01
 FEWEST = 24  # corners that have to be found again, and to be inliers: five for each of a motion's unknowns
 # Of the circle without any corner. What is seen on one side only turns by as much as it is passed: of nine tuned drives
 # whose corners were left out over 0.63 of it error^2/variance is 640, over a half 5.4, over 0.38 1.7, over 0.22 1.05.

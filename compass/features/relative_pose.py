@@ -16,8 +16,8 @@ from compass.features.prior import TILT_SIGMA
 from compass.features.solver import State
 from compass.flow.correlation import Floats
 
-# Pairs of corners; each gives two turns, and travel ahead or back. Where a fifth are inliers, a pair of inliers is
-# among them with a probability of 0.998.
+# Pairs of corners; each gives two turns, and either travel ahead or back. Where a fifth are inliers, a pair of inliers
+# is among them with a probability of 0.998.
 DRAWS = 150
 
 
@@ -31,19 +31,20 @@ def likely_states(tangents: Tangents, seen: Floats, besides: float | None = None
     besides : float, optional
         A turn, rad, whose basin of attraction shall be left out.
     """
-    drawn = _drawn(tangents.ahead, seen)
-    support = _support(drawn, tangents, seen)
+    turn, travel = _drawn(tangents.ahead, seen)
+    support = _support(turn, travel, tangents, seen)
     if besides is not None:
-        support[np.cos(drawn[0] - besides) > np.cos(math.tau / DIRECTIONS)] = -1.0
+        support[:, np.cos(turn - besides) > np.cos(math.tau / DIRECTIONS)] = -1.0
     found = np.zeros((DIRECTIONS, 5))
     for state in found:
-        state[State.YAW], state[State.DIRECTION] = drawn[:, support.argmax()]
-        support[np.cos(drawn[0] - state[State.YAW]) > np.cos(TILT_SIGMA)] = -1.0
+        back, at = np.unravel_index(support.argmax(), support.shape)
+        state[State.YAW], state[State.DIRECTION] = turn[at], travel[at] + back * math.pi
+        support[:, np.cos(turn - turn[at]) > np.cos(TILT_SIGMA)] = -1.0
     return found
 
 
 def _drawn(seen: Floats, again: Floats) -> Floats:
-    """(2, 4 * DRAWS) turns and directions, each of two bearings: t is the line that their epipolar planes share."""
+    """(2, 2 * DRAWS) turns and travels ahead, each of two bearings: t is the line that their epipolar planes share."""
     i, j = np.random.default_rng(0).integers(seen.shape[1], size=(2, DRAWS))
     a, b = (np.arctan2(one[1], one[0]) for one in (seen, again))
     e, f = (one[2] / np.hypot(one[0], one[1]) for one in (seen, again))
@@ -53,24 +54,26 @@ def _drawn(seen: Floats, again: Floats) -> Floats:
     either = np.arccos(np.clip(whole / np.maximum(np.hypot(cosine, sine), 1e-12), -1.0, 1.0))
     turn = np.arctan2(sine, cosine) + np.stack([either, -either])
     y, x = (f[i] * of(a[i]) - e[i] * of(b[i] + turn) for of in (np.sin, np.cos))
-    ahead = np.arctan2(y, x).ravel()
-    return np.stack([np.tile(turn.ravel(), 2), np.concatenate([ahead, ahead + np.pi])])
+    return np.stack([turn.ravel(), np.arctan2(y, x).ravel()])
 
 
-def _support(drawn: Floats, tangents: Tangents, seen: Floats) -> Floats:
-    """How many corners agree on each motion, each counted by how little it is off its half of the epipolar line.
+def _support(turn: Floats, travel: Floats, tangents: Tangents, seen: Floats) -> Floats:
+    """(2, n) how many corners agree on each of n motions, ahead and back.
+
+    Each counts by how little it is off its half of the epipolar line.
 
     Roll and pitch are not estimated yet: what a level motion may be off is what the scene may be tilted.
     """
     (x, y, z), (by_x, by_y, by_z) = seen, tangents.axes.astype(np.complex64)
     (cosine, sine), (ahead, left) = (
-        np.stack([np.cos(angle), np.sin(angle)]).astype(np.float32)[:, :, None] for angle in drawn
+        np.stack([np.cos(angle), np.sin(angle)]).astype(np.float32)[:, :, None] for angle in (turn, travel)
     )
     moved = cosine * (x * by_x + y * by_y) + sine * (x * by_y - y * by_x) + z * by_z
-    travel = ahead * by_x + left * by_y
-    residual = moved * -travel.conj() / np.maximum(np.abs(travel), np.float32(1e-6))
+    line = ahead * by_x + left * by_y
+    residual = moved * -line.conj() / np.maximum(np.abs(line), np.float32(1e-6))
     bx, by, bz = tangents.ahead
     behind = cosine * (x * bx + y * by) + sine * (x * by - y * bx) + z * bz < 0.0
-    off = residual.imag**2 + np.minimum(residual.real, 0.0) ** 2
-    support: Floats = np.where(behind, 0.0, np.maximum(1.0 - off / TILT_SIGMA**2, 0.0)).sum(axis=1)
+    across = np.where(behind, 0.0, 1.0 - (residual.imag / TILT_SIGMA) ** 2)
+    short = (np.stack([np.minimum(residual.real, 0.0), np.maximum(residual.real, 0.0)]) / TILT_SIGMA) ** 2
+    support: Floats = np.maximum(across - short, 0.0).sum(axis=2)
     return support

@@ -19,7 +19,7 @@ _SOURCES = ("fused", "smoothed", "raw_compass", "gyro_alone", "tracks_alone")
 _FACTS = ("turned_deg", "sigma_deg", "final_error_deg", "rms_error_deg", "worst_error_deg")
 _ESTIMATES = (
     *("gyro_bias_rad_s", "gyro_bias_sigma_rad_s", "track_scale", "track_scale_sigma"),
-    *("camera_delay_s", "camera_delay_sigma_s"),
+    *("camera_delay_s", "camera_delay_sigma_s", "camera_roll_deg", "camera_pitch_deg", "camera_tilt_sigma_deg"),
 )
 _TEXTS = ("bag", "folder", "status", "error", "warnings", "content", "settings_hash", "package_version")
 _COUNTS = ("start_ns", "images", "size_bytes")

@@ -11,6 +11,7 @@ from operator import attrgetter
 from typing import TYPE_CHECKING
 
 from compass import CompassConfig, CompassStatus, YawIncrement
+from compass.mount import UNKNOWN, CameraMount
 from compass.tilt import Vector
 from fusion.checks.images import image_warnings
 from fusion.checks.warnings import Warning
@@ -44,6 +45,8 @@ class Look:
         Accumulated, rad, and its variance, rad^2.
     warnings : tuple of Warning
         What is known from then on to be wrong with the images.
+    mount : CameraMount
+        How the camera is tilted on the robot, as known by then.
     """
 
     t_ns: int
@@ -53,6 +56,7 @@ class Look:
     yaw: float
     yaw_variance: float
     warnings: tuple[Warning, ...]
+    mount: CameraMount
 
     def increments(self) -> list[YawIncrement]:
         """All that the filter is given."""
@@ -76,7 +80,7 @@ def seen_by(config: CompassConfig) -> See:
             increment = compass.update(frame.t_ns, frame.image, frame.encoding)
             long_baseline, warnings = compass.long_baseline(), tuple(image_warnings(compass))
             found = increment, long_baseline, compass.yaw, compass.yaw_variance
-            yield Look(frame.t_ns, compass.status, *found, warnings)
+            yield Look(frame.t_ns, compass.status, *found, warnings, compass.mount)
 
     return see
 
@@ -99,6 +103,8 @@ class Looks:
     ----------
     counts : Counter of CompassStatus
         Outcomes so far.
+    mount : CameraMount
+        How the camera is tilted on the robot, by the last look.
     warnings : sequence of Warning
         What was wrong with the recording as far as it had been read for the last look.
     """
@@ -111,6 +117,7 @@ class Looks:
         self._ready: deque[Look] = deque()
         self._warnings: deque[tuple[Warning, ...]] = deque()  # of the panoramas that are under way or ready
         self.counts: Counter[CompassStatus] = Counter()
+        self.mount = UNKNOWN
         self.warnings: tuple[Warning, ...] = ()
 
     def look_ahead_while(self, busy: Callable[[], bool]) -> None:
@@ -122,6 +129,7 @@ class Looks:
         for look in chain(_emptied(self._ready), _in_bursts(self._seen)):
             self.warnings = self._warnings.popleft()
             self.counts[look.status] += 1
+            self.mount = look.mount
             yield look
         self.warnings = tuple(self._recording.warnings)
 

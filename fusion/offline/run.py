@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from compass import CompassStatus, YawIncrement
+from compass.mount import UNKNOWN, CameraMount
 from fusion.buffer.events import Sample, Sensor
 from fusion.checks.gate import SensorReport
 from fusion.checks.warnings import Warning
@@ -99,6 +100,8 @@ class FusedRun:
         The tracks that went in.
     compass_counts : Counter of CompassStatus
         Outcomes of all images.
+    mount : CameraMount
+        How the camera is tilted on the robot, as learnt by the end.
     fusion_counts : Counter of str
         What became of the samples.
     gates : dict of Sensor to SensorReport
@@ -114,6 +117,7 @@ class FusedRun:
     odometry: OdometryTrack
     truth: TruthTrack | None
     compass_counts: Counter[CompassStatus] = field(default_factory=Counter)
+    mount: CameraMount = UNKNOWN
     fusion_counts: Counter[str] = field(default_factory=Counter)
     gates: dict[Sensor, SensorReport] = field(default_factory=dict)
     warnings: list[Warned] = field(default_factory=list)
@@ -138,10 +142,12 @@ def fuse_recording(
         progress(count / total)
     warnings = run.close()
     progress(1.0)
-    counts = looks.counts, run.pipeline.fusion.counts
+    images = looks.counts, looks.mount
     gates = run.reports()
     tracks = recording.gyro, recording.odometry, recording.truth
-    return FusedRun(run.rows, *tracks, *counts, gates, warnings, settings.fusion.initial_yaw)
+    return FusedRun(
+        run.rows, *tracks, *images, run.pipeline.fusion.counts, gates, warnings, settings.fusion.initial_yaw
+    )
 
 
 def smooth_run(run: FusedRun, settings: Settings) -> None:

@@ -108,6 +108,11 @@ def summary_schema() -> Schema:
         "track_scale_sigma": _number("its standard deviation"),
         "camera_delay_s": _number("stamp minus exposure, at the end"),
         "camera_delay_sigma_s": _number("its standard deviation"),
+        "camera_roll_deg": _number("of the camera on the robot, right side down is positive, as learnt by the end"),
+        "camera_pitch_deg": _number("of the camera on the robot, front down is positive, as learnt by the end"),
+        "camera_tilt_sigma_deg": _number(
+            "standard deviation of either; 6 while no turn has shown them, which takes an IMU"
+        ),
         "images": _object({one.name.lower(): _count(one.value) for one in CompassStatus})
         | {"description": "outcomes of all images"},
         "samples": _counts("outcome", "what became of the samples of each sensor"),
