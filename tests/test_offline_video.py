@@ -156,7 +156,11 @@ REFUSED = {
         ["ride.mp4", "--gyro", "odom.csv"],
         "its columns are t, yaw, speed; wanted t (s)",
     ),
-    "no number": (["ride.mp4", "--gyro", "words.csv"], "no row can be used: no number in yaw_rate"),
+    "no number": (["ride.mp4", "--gyro", "words.csv"], "no row can be used: no number in yaw_rate ('0 | fast')"),
+    "decimal commas": (["ride.mp4", "--gyro", "commas.csv"], "more cells than columns; decimals are set off by points"),
+    "decimal commas, semicolons": (["ride.mp4", "--gyro", "semicolons.csv"], "no number in t ('0,01 | 0,5')"),
+    "empty column": (["ride.mp4", "--odometry", "rates.csv"], "no number in yaw ('0 | 0.5 | ')"),
+    "decimal commas of a folder": (["commas"], "more cells than columns; decimals are set off by points"),
     "binary": (["ride.mp4", "--gyro", "ride.mp4"], "no CSV text"),
     "device": (["ride.mp4", "--gyro", "/dev/zero"], "no regular file"),
     "empty": (["ride.mp4", "--odometry", "empty.csv"], "its columns are none"),
@@ -179,12 +183,16 @@ def test_video_or_folder_that_cannot_be_used_is_refused_in_a_line(
     gyro_csv(Path("unix.csv"), 1_700_000_000.0)
     odometry_csv(Path("odom.csv"))
     Path("words.csv").write_text("t,yaw_rate\n0,fast\n")
+    Path("commas.csv").write_text("t,yaw_rate\n" + "".join(f"{i // 10},{i % 10},0,5\n" for i in range(30)))
+    Path("semicolons.csv").write_text("t;yaw_rate\n0,01;0,5\n")
+    Path("rates.csv").write_text("t,yaw_rate,yaw\n0,0.5,\n")
     Path("empty.csv").write_text("")
-    for name in ("pictures", "times"):
+    for name in ("pictures", "times", "commas"):
         Path(name).mkdir()
     for name in ("1.jpg", "2.PNG"):
         (Path("pictures") / name).write_bytes(b"")
     Path("times/times.csv").write_text("file,t\n")
+    Path("commas/times.csv").write_text("file,t\n1.jpg,0,5\n")
     assert main(["fuse", *arguments, "--out", "out"]) == 1
     error = capsys.readouterr().err
     assert said in error

@@ -12,7 +12,7 @@ from compass.images.decode import image_from_compressed
 from fusion.offline.decode import decode_ahead
 from fusion.offline.image_files import ImageFileError
 from fusion.offline.reasons import count_reason
-from fusion.offline.sensor_csv import TIME_COLUMNS, csv_rows, nanoseconds
+from fusion.offline.sensor_csv import TIME_COLUMNS, check_length, csv_rows, nanoseconds
 from fusion.offline.stamp_check import Span
 from fusion.offline.streams import Floats, Frame, Times
 
@@ -55,6 +55,7 @@ class ImageFolder:
             raise ImageFileError(f"{times}: its columns are {', '.join(header[:20]) or 'none'}; {WANTED}")
         for row in rows:
             try:
+                check_length(row, header)
                 yield nanoseconds(row[header.index(clock)], clock), row[header.index("file")].strip()
             except (ValueError, IndexError) as error:
                 fault = str(error) if isinstance(error, ValueError) else "row too short"

@@ -23,6 +23,7 @@ from fusion.samples import GyroSample
 TIME_COLUMNS = ("t_ns", "t")  # the first one that is there is taken
 RATES, FORCES = ("gx", "gy", "gz"), ("ax", "ay", "az")
 LAST_NS = 2**63 - 1  # that can be written
+SHOWN = 60  # characters of a row that cannot be used
 
 
 class SensorFileError(VisualCompassError):
@@ -118,24 +119,44 @@ def numbers(
     places = [header.index(name) for name in (*wanted, *optional)]
     times: list[int] = []
     values: list[list[float]] = []
-    fault = "has no rows"
+    fault, unusable = "has no rows", list[str]()
     for row in rows:
         try:
+            check_length(row, header)
             t_ns = nanoseconds(row[header.index(clock)], clock)
             value = [_number(row[place]) for place in places]
-            if not all(math.isfinite(one) for one in value[: len(wanted)]):
-                raise ValueError(f"no number in {', '.join(wanted)}")
+            none = [name for name, one in zip(wanted, value, strict=False) if not math.isfinite(one)]
+            if none:
+                raise ValueError(f"no number in {', '.join(none)}")
         except (ValueError, IndexError) as error:
-            fault = str(error) if isinstance(error, ValueError) else "row too short"
+            fault, unusable = str(error) if isinstance(error, ValueError) else "row too short", row
             dropped[f"{path.name}: {fault}"] += 1
             continue
         times.append(t_ns)
         values.append(value)
     if not times:
-        raise SensorFileError(f"{path}: no row can be used: {fault}; wanted {help_text}")
+        said = f" ({quoted(unusable)})" if unusable else ""
+        raise SensorFileError(f"{path}: no row can be used: {fault}{said}; wanted {help_text}")
     t, table = np.array(times, np.int64), np.array(values, np.float64)
     order = np.argsort(t, kind="stable")
     return t[order], table[order]
+
+
+def check_length(row: Sequence[str], header: Sequence[str]) -> None:
+    """Refuse a row of more cells than columns: its cells are not those of the columns, as with decimal commas.
+
+    Raises
+    ------
+    ValueError
+        A cell beyond the columns is not empty.
+    """
+    if any(cell.strip() for cell in row[len(header) :]):
+        raise ValueError("more cells than columns; decimals are set off by points")
+
+
+def quoted(row: Sequence[str]) -> str:
+    """A row of a file as it is named in an error: its beginning."""
+    return ascii(" | ".join(row)[:SHOWN])
 
 
 def nanoseconds(text: str, column: str = "t") -> int:
