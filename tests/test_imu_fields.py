@@ -286,6 +286,23 @@ def test_robot_that_falls_on_its_side_keeps_its_vertical():
             assert np.dot(level.up, [0.0, math.sin(roll), math.cos(roll)]) > math.cos(math.radians(6.0))
 
 
+@pytest.mark.parametrize("moved_by", [("x", 90), ("x", 180), ("y", -60)])
+def test_imu_that_moves_in_its_mount_is_told_and_the_vertical_found_again(moved_by):
+    moved, since = Rotation.from_euler(*moved_by, degrees=True), START_NS + 5 * 10**9
+    readings = [(t, w, a) for t, w, a, _ in drive(seconds=12.0)]
+    level, samples = fed((t, moved.apply(w), moved.apply(a)) if t >= since else (t, w, a) for t, w, a in readings)
+    assert codes(level) == ["imu_moved"]
+    assert off_deg(level, moved.inv()) < 1.0
+    assert all(abs(one.yaw_rate - 0.8) < 0.02 for one in samples[7 * HZ :])
+    assert all(one.variance for one in samples[565:625])  # while it is looked at
+
+
+def test_robot_that_is_knocked_hard_has_an_imu_that_did_not_move():
+    level, _ = fed((t, w, np.add(a, (7.0 * (k % 200 < 30), 0.0, 0.0))) for k, (t, w, a, _) in enumerate(drive()))
+    assert codes(level) == []
+    assert off_deg(level, UPRIGHT) < 10.0
+
+
 def test_fixed_direction_is_turned_as_a_rotation_does():
     rate, fixed = (0.3, -2.0, 46.0), (0.6, 0.0, 0.8)
     expected = Rotation.from_rotvec(np.multiply(-0.1, rate)).apply(fixed)

@@ -24,6 +24,7 @@ CODES: dict[str, str] = {
     "odometry_not_independent": "the odometry takes its turns from the gyro",
     "turn_lost": "nothing measured how the robot turned for a while",
     "vertical_unknown": "nothing usable tells where up is; the gyro's z axis was taken",
+    "imu_moved": "the IMU sits otherwise than before, and did not turn there by its gyro",
     "orientation_wrong": "the IMU's orientation contradicts its gravity or its gyro and was left out",
     "accelerometer_units": "the accelerations are in g",
     "imu_half_messages": "IMU messages bring the gyro and the accelerometer in turn",

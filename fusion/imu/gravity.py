@@ -38,6 +38,8 @@ class Gravity:
     ----------
     length : float
         Mean acceleration along the vertical, as the driver gives it; 0 before the first. Without gravity, noise.
+    moved : bool
+        Whether the IMU was found by the last reading to sit otherwise than before, and the vertical forgotten.
     """
 
     def __init__(self, seconds: float, any_length: bool = False) -> None:
@@ -52,6 +54,9 @@ class Gravity:
         self._follows, self._block = Following(_TIPPED), 0.0
         self._lately: Vector | None = None  # mean acceleration
         self._misled = False  # whether the gyro turns otherwise than the accelerometer sees
+        self._agreed: Vector | None = None  # where the accelerometer last saw up while it agreed
+        self._astray = 0.0  # s, since it has jumped from there, and the gyro did not turn along
+        self.moved = False
 
     @property
     def unit(self) -> str | None:
@@ -68,6 +73,11 @@ class Gravity:
     def up(self) -> Vector | None:
         """The vertical in the IMU's frame, a unit vector; None where the accelerometer does not measure it."""
         return self._direction if not self.silent and (self._any_length or self.unit) else None
+
+    @property
+    def doubtful(self) -> bool:
+        """Whether the IMU may just have moved in its mount."""
+        return self._astray > 0.0
 
     @property
     def settled(self) -> bool:
@@ -97,15 +107,36 @@ class Gravity:
         self._follows.carry(rate, dt)
         self._block += dt
         seen = unit(self._lately)
-        if self._block < _BLOCK or seen is None:
+        self._look_for_jump(dt, seen)
+        if self._block < _BLOCK or seen is None or self.doubtful:
             return
-        self._block, gravity = 0.0, _UNITS[0][0]
-        if abs(math.sqrt(dot(self._lately, self._lately)) / gravity - 1.0) > _LENGTH_ERROR:
+        self._block = 0.0
+        if not _is_gravity(self._lately, _UNITS[:1]):
             return
         self._follows.end(seen)
         if self._follows.lost != self._misled:
             self._misled = self._follows.lost
-            self._direction, self._drift, self._heard = None, (0.0, 0.0, 0.0), 0.0
+            self._begin_anew()
+
+    def _look_for_jump(self, dt: float, seen: Vector | None) -> None:
+        """Whether the accelerometer sees up elsewhere than before, for good, while the gyro did not turn there.
+
+        An IMU that comes loose, or a driver that gives other axes. The mean of both would be a vertical that is none.
+        """
+        self.moved = False
+        if self._lately is None or seen is None or self._direction is None or not _apart(seen, self._direction):
+            self._agreed, self._astray = seen, 0.0
+        elif self._agreed and _apart(seen, self._agreed) and _is_gravity(self._lately, _UNITS):
+            self._astray += dt
+            self.moved = self._astray >= _BLOCK
+            if self.moved:
+                self._begin_anew()
+                self._follows, self._agreed, self._astray = Following(_TIPPED), None, 0.0
+        else:
+            self._astray = 0.0
+
+    def _begin_anew(self) -> None:
+        self._direction, self._drift, self._heard = None, (0.0, 0.0, 0.0), 0.0
 
     def _turn(self, step_ns: int, rate: Vector, force: Vector | None) -> None:
         if self._direction is None or not 0 <= step_ns <= RATE_SILENT_NS:
@@ -123,3 +154,13 @@ class Gravity:
             self._drift = vector([drift + pull * a for drift, a in zip(self._drift, across, strict=True)])
             now = vector([(1.0 - gain) * a + gain * b for a, b in zip(now, force, strict=True)])
         self._direction = unit(now)
+
+
+def _apart(a: Vector, b: Vector) -> bool:
+    """Whether two directions differ by more than a robot's acceleration makes of gravity."""
+    return 2.0 - 2.0 * dot(a, b) > _TIPPED
+
+
+def _is_gravity(force: Vector, units: Sequence[tuple[float, str]]) -> bool:
+    length = math.sqrt(dot(force, force))
+    return any(abs(length / gravity - 1.0) <= _LENGTH_ERROR for gravity, _ in units)

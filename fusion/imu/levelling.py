@@ -17,7 +17,7 @@ from fusion.imu.orientation import Orientation
 from fusion.imu.robot_axes import RobotAxes
 from fusion.imu.tilt import STEEPEST_SQUARED
 from fusion.imu.vectors import AXES, dot, nearest_axis, vector
-from fusion.imu.warnings import Complaints
+from fusion.imu.warnings import REMEMBERED_NS, Complaints
 from fusion.samples import GyroSample
 
 # Of a rate: IMUs are mounted level or nearly so, by a bracket's 20 deg at most, which nobody has counted: not derived.
@@ -77,6 +77,7 @@ class ImuLevel:
         self._complaints = Complaints()
         self._t_ns: int | None = None
         self._fastest = 0.0
+        self._moved_ns: int | None = None
         self._forget_up()
 
     def _forget_up(self) -> None:
@@ -125,12 +126,18 @@ class ImuLevel:
             step_ns = 0 if self._t_ns is None else t_ns - self._t_ns
             self._t_ns = t_ns
             self._gravity.follow(step_ns, rate, force)
+            if self._gravity.moved:
+                self._moved_ns = t_ns
+                if self.source == "gravity":
+                    self._forget_up()
             self._orientation.follow(step_ns, rate, orientation, self._gravity.up)
             self._choose_up()
             if self.up is not None and self.config.up not in AXES:
                 self._axes.learn(step_ns, rate, self.up)
             variance = self._variance(rate)
             self._complain(t_ns, rate, variance is not None)
+            if self._gravity.doubtful and self.source == "gravity":
+                variance = max(variance or 0.0, dot(rate, rate))  # any share of it may be about the vertical
         yaw_rate, axes = self._yaw_rate(rate), self._axes.known(self._forward)
         if axes is None or self.up is None:
             return GyroSample(t_ns, yaw_rate, variance, factor_sigma=self._factor_sigma)
@@ -209,6 +216,8 @@ class ImuLevel:
         wrong.event("gyro_units", t_ns, max(map(abs, rate)) > FASTEST_GYRO, self._units_words)
         wrong.event("gyro_saturated", t_ns, at_stop, self._stop_words)
         wrong.state("imu_half_messages", t_ns, self._halves.certain, _half_words)
+        moved = self._moved_ns is not None and t_ns - self._moved_ns <= REMEMBERED_NS
+        wrong.state("imu_moved", t_ns, moved, self._moved_words)
         if config in AXES:
             return
         wrong.state("vertical_unknown", t_ns, not self._known, self._unknown_words)
@@ -231,6 +240,12 @@ class ImuLevel:
         return (
             f"the gyro's axis {named} repeats its greatest value to the last bit: at its end stop, the true rate may be"
             " anything beyond; set a larger range in the driver, or turn more slowly"
+        )
+
+    def _moved_words(self) -> str:
+        return (
+            "the accelerometer sees up elsewhere than before, and the gyro did not turn there: the IMU came loose, was"
+            f" mounted anew, or its driver gives other axes; up comes from {self.vertical} since. Fix it, start anew"
         )
 
     def _unknown_words(self) -> str:
