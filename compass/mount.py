@@ -59,8 +59,11 @@ class CameraMount:
 
     @property
     def sigma(self) -> float:
-        """Standard deviation of either, rad."""
-        return math.sqrt(self.variance)
+        """Standard deviation of either as it is told, rad.
+
+        That of one tilt is in it: the error of the IMU's vertical is much the same in all of them.
+        """
+        return math.sqrt(self.variance + self.noise)
 
     def on_robot(self, turn: float, tilt: tuple[float, float]) -> tuple[float, tuple[float, float]]:
         """Turn and tilt of the robot, rad, of those that its camera saw, see `compass.tilt.Tilted.after`."""
@@ -99,8 +102,8 @@ class CameraMount:
         chord = 2.0 * (1.0 - math.cos(turn))  # squared, (R - 1)' (R - 1)
         variance, noise = self.variance, self.noise
         missed = aside[0] ** 2 + aside[1] ** 2
-        if missed > 2.0 * DISAGREE**2 * (variance * chord + LASTS * noise):  # it was knocked
-            variance, noise = SIGMA**2, TILT_NOISE**2
+        if missed > 2.0 * DISAGREE**2 * (variance * chord + LASTS * noise):  # it was knocked, or the IMU errs this once
+            return CameraMount(self.x, self.y)
         gain = variance / (variance * chord + LASTS * noise)
         x, y = self.x + gain * (back[0] - aside[0]), self.y + gain * (back[1] - aside[1])
         steepest = math.sqrt(1.0 - STEEPEST_COSINE**2)  # beyond it a camera does not look at the horizon
@@ -112,7 +115,7 @@ class CameraMount:
     def _rotation(self) -> npt.NDArray[np.float64] | None:
         """From the robot's frame to the camera's, as far as it is beyond doubt; None where that is level."""
         up = self.x, self.y, math.sqrt(1.0 - self.x**2 - self.y**2)
-        x, y, _ = beyond_error(up, self.sigma)
+        x, y, _ = beyond_error(up, math.sqrt(self.variance))
         sine = math.hypot(x, y)
         if not sine:
             return None

@@ -101,10 +101,10 @@ def test_fuse_tells_how_the_camera_is_mounted(tmp_path, capsys):
 def test_diagnostics_tell_how_the_camera_is_mounted():
     diagnostics = pytest.importorskip("nodes.diagnostics", reason="needs ROS", exc_type=ImportError)
     compass = VisualCompass()
-    compass.mount = CameraMount(0.1, -0.05, variance=math.radians(0.2) ** 2)
+    compass.mount = CameraMount(0.1, -0.05, variance=math.radians(0.3) ** 2, noise=math.radians(0.4) ** 2)
     figures = diagnostics.compass_figures(compass, 1.0)
     told = [figures[f"camera {what} [deg]"] for what in ("roll on the robot", "pitch on the robot", "tilt sigma")]
-    assert told == ["-2.88", "-5.74", "0.20"]
+    assert told == ["-2.88", "-5.74", "0.50"]
 
 
 def split(seen):

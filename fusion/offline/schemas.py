@@ -111,7 +111,7 @@ def summary_schema() -> Schema:
         "camera_roll_deg": _number("of the camera on the robot, right side down is positive, as learnt by the end"),
         "camera_pitch_deg": _number("of the camera on the robot, front down is positive, as learnt by the end"),
         "camera_tilt_sigma_deg": _number(
-            "standard deviation of either; 6 while no turn has shown them, which takes an IMU"
+            "standard deviation of either; about 6 while no turn has shown them, which takes an IMU"
         ),
         "images": _object({one.name.lower(): _count(one.value) for one in CompassStatus})
         | {"description": "outcomes of all images"},
