@@ -79,10 +79,8 @@ class Clones:
         return self.put(slot, replace(clone, placed_ns=t_ns)) if clone else self
 
     def doubted(self, t_ns: int, doubt: float) -> Clones:
-        """With so much of the yaw of the clone of a time unconfirmed, rad^2."""
-        slot = self.slot_of(t_ns)
-        clone = None if slot is None else self.slots[slot]
-        return self.put(slot, replace(clone, doubt=doubt)) if slot is not None and clone else self
+        """With so much of the yaw of a time unconfirmed, rad^2."""
+        return Clones(tuple(replace(c, doubt=doubt) if c and c.t_ns == t_ns else c for c in self.slots))
 
     def confirmed(self) -> Clones:
         """With all of them as sure as the yaw is now: nothing is unconfirmed any more."""
@@ -91,10 +89,8 @@ class Clones:
         return Clones(tuple(replace(c, doubt=0.0) if c else None for c in self.slots))
 
     def doubt(self, t_ns: int) -> float:
-        """What is unconfirmed of the yaw of a time, rad^2, as far as it is remembered."""
-        slot = self.slot_of(t_ns)
-        clone = None if slot is None else self.slots[slot]
-        return clone.doubt if clone else 0.0
+        """What is unconfirmed of the yaw of a time, rad^2; nothing that is known of one that is not remembered."""
+        return next((c.doubt for c in self.slots if c and c.t_ns == t_ns), 0.0)
 
     def kept(self, *slots: int) -> Clones:
         """With the clones in these slots, and no others, kept for the next increment from some seconds ago."""
