@@ -9,9 +9,11 @@ from compass import YawIncrement
 from fusion.buffer.events import Sensor
 from fusion.checks.alternative import Third
 from fusion.checks.contradiction import contradict
+from fusion.checks.exclusion import Exclusion
 from fusion.checks.gyro_faults import surely_gyro
 from fusion.checks.isolation import Isolation
 from fusion.checks.isolation_rules import judge
+from fusion.checks.recovery import Recovery
 from fusion.checks.stillness import CompassTurn
 from fusion.checks.windows import Claim, RateTurn, Window
 
@@ -139,6 +141,16 @@ def test_late_gyro_is_not_believed_for_turning_steadily():
     for _ in range(6):
         robot.see(gyro=10.0 + robot.bias * 0.5, tracks=10.0, compass=10.0)
     assert robot.iso.excludes(Sensor.GYRO)
+
+
+@pytest.mark.parametrize(("gyro", "turn", "well"), [(8, 8, False), (8, 9, False), (9, 9, True), (-8, -8, True)])
+def test_gyro_shows_that_a_bias_is_its_own_only_where_the_rate_is_another_than_when_it_was_found(gyro, turn, well):
+    """One of zeros agrees at about that rate, too, though in other windows it has erred by 20 deg."""
+    out = Exclusion(Sensor.GYRO, 0, 0.0, 0.03, 0.0, Recovery(squares=10.0, windows=15), fitted=rad(2.0 * 8.0))
+    for index in range(9):
+        one = window(index, gyro=gyro, compass=turn)
+        out = out.weighed(replace(one.gyro, noise=rad(0.3)), one.compass, one)
+    assert out.recovery.well is well
 
 
 def test_gyro_that_turns_as_no_robot_does_stays_out():

@@ -89,7 +89,9 @@ class Exclusion:
         # at rest it would err as before, in half the turning by half as much
         share = 0.5 if self.least_turn > GROSS else 1.0
         off, variance = abs(claim.turn - reference.turn), claim.sigma**2 + reference.sigma**2
-        recovery = self.recovery.weighed(off, variance, window.seconds, share)
+        # a gyro that says one number whatever turns errs by what the rate differs from that at which it was fitted
+        most = math.inf if self.fitted is None else abs(reference.turn / window.seconds - self.fitted)
+        recovery = self.recovery.weighed(off, variance, window.seconds, share, most)
         agreed = self.agreed + self._agrees(claim, reference, window) if recovery.odds > 0.0 else 0
         return replace(self, recovery=recovery, agreed=agreed)
 

@@ -45,12 +45,14 @@ class Recovery:
         """After one more window in which it erred by `rate`, rad/s."""
         return Recovery(self.squares + rate**2, self.windows + 1)
 
-    def weighed(self, off: float, variance: float, seconds: float, share: float = 1.0) -> Recovery:
+    def weighed(
+        self, off: float, variance: float, seconds: float, share: float = 1.0, most: float = math.inf
+    ) -> Recovery:
         """After a window in which it was `off` by so much, rad, of this variance, rad^2.
 
         `off` is positive to the side to which it erred, if it always erred to one. `share`: of what it erred by before,
-        that would show in this window if it erred on.
+        that would show in this window if it erred on; `most`: what can show in it at most, rad/s.
         """
-        errs = share * math.sqrt(self.squares / self.windows) * seconds
+        errs = min(share * math.sqrt(self.squares / self.windows), most) * seconds
         odds = self.odds + errs * (errs - 2.0 * off) / (variance + TINY)
         return Recovery(self.squares, self.windows, odds) if odds > 0.0 else self.erred(off / seconds)

@@ -71,6 +71,8 @@ class FilterState:
         Increments that the gate refuses at present.
     image_excess : float
         Squared innovation of the last image beyond its variance, rad^2, whether it passed the gate or not.
+    image_turning : float
+        As `mean_turning` has it.
     image_innovation : tuple of float or None
         Of the last increment from a keyframe, rad, and the turn rate then, rad/s; None where none was judged.
     unconfirmed : Unconfirmed or None
@@ -132,6 +134,7 @@ class FilterState:
     refusal: Refusal | None = None
     image_excess: float = 0.0
     image_innovation: tuple[float, float] | None = None
+    image_turning: float = 0.0
     unconfirmed: Unconfirmed | None = None
     warnings: tuple[Warning, ...] = ()
     trail: GyroTrail = field(default_factory=GyroTrail)

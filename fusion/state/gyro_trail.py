@@ -32,6 +32,8 @@ class Exposure:
         Of `turn`, beyond what an error of the delay does to it in proportion, rad^2.
     watched : bool
         Whether `turn` is what a gyro says, and not the present rate's.
+    rate_variance : float
+        Of `rate`, (rad/s)^2.
     """
 
     delay: float = 0.0
@@ -39,6 +41,7 @@ class Exposure:
     rate: float = 0.0
     variance: float = 0.0
     watched: bool = False
+    rate_variance: float = 0.0
 
 
 class TrailPoint(NamedTuple):
@@ -96,4 +99,8 @@ class GyroTrail:
         rate, mean = 0.5 * (more - less) / step, turn + weight * (less - 2.0 * turn + more)
         spread = weight * ((less - mean) ** 2 + (more - mean) ** 2) + (1.0 - 2.0 * weight) * (turn - mean) ** 2
         bent = max(spread - rate**2 * variance, 0.0)
-        return Exposure(delay, mean, rate, bent + CAUTION * noise * variance, watched=True)
+        first_ns, last_ns = (t_ns - round(1e9 * d) for d in (delay + step, delay - step))
+        held = min(max(last_ns - self.points[-1].t_ns, 0) / (last_ns - first_ns), 1.0)  # by the last sample alone
+        averaged = max(self._place(last_ns) - self._place(first_ns), 1)
+        rate_variance = noise * (held**2 + (1.0 - held) ** 2 / averaged)
+        return Exposure(delay, mean, rate, bent + CAUTION * noise * variance, watched=True, rate_variance=rate_variance)

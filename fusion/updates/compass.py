@@ -17,7 +17,7 @@ from fusion.state.clones import Clone
 from fusion.state.ekf import DIM, Measurement, State, YawEkf
 from fusion.state.gyro_trail import Exposure
 from fusion.updates.gating import Gating
-from fusion.updates.image_timing import clone_exposure, exposure_of
+from fusion.updates.image_timing import clone_exposure, exposure_of, mean_turning, told_of_delay
 
 if TYPE_CHECKING:
     from fusion.state.filter_state import FilterState
@@ -137,7 +137,8 @@ class CompassUpdate:
         slot = state.clones.slot_of(t_ns)
         if slot is None:
             slot, exposure = state.clones.next_slot(), exposure or exposure_of(state)
-            clone_exposure(state.ekf, State.CLONE + slot, exposure)
+            state.image_turning = mean_turning(state.image_turning, exposure)
+            clone_exposure(state.ekf, State.CLONE + slot, exposure, told_of_delay(state.image_turning))
             state.clones = state.clones.put(slot, Clone(t_ns, t_ns, reference, exposure, state.t_ns or t_ns))
         elif reference:
             state.clones = state.clones.used(slot, t_ns)

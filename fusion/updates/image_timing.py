@@ -11,18 +11,22 @@ from fusion.state.gyro_trail import Exposure, GyroTrail
 if TYPE_CHECKING:
     from fusion.state.filter_state import FilterState
 
+TURNING_IMAGES = 10
+NOISES = 2.0  # white noise is more than that in the mean of so many images less than once in a hundred times
+
 
 def exposure_of(state: FilterState) -> Exposure:
     """What happened between the exposure of an image stamped at present, and now: nothing where the robot stands."""
     if state.stillness.standing:
         return Exposure(float(state.x[State.CAMERA_DELAY]))
-    return exposure(
-        state.ekf, state.t_ns or 0, state.trail if state.trail.points and state.hears(Sensor.GYRO) else None
-    )
+    trail = state.trail if state.trail.points and state.hears(Sensor.GYRO) else None
+    return exposure(state.ekf, state.t_ns or 0, trail, state.gyro_noise.factor.variance)
 
 
-def exposure(ekf: YawEkf, t_ns: int, trail: GyroTrail | None) -> Exposure:
+def exposure(ekf: YawEkf, t_ns: int, trail: GyroTrail | None, noise: float = 1.0) -> Exposure:
     """What happened between the exposure of an image stamped `t_ns`, the present, and that stamp.
+
+    The variance of the gyro's samples is `noise` times what is configured.
 
     Without a gyro's `trail` the delay is taken for known: it is not observable, and as an unknown it would let the
     tracks draw the yaw about.
@@ -30,7 +34,7 @@ def exposure(ekf: YawEkf, t_ns: int, trail: GyroTrail | None) -> Exposure:
     delay, variance = float(ekf.x[State.CAMERA_DELAY]), float(ekf.P[State.CAMERA_DELAY, State.CAMERA_DELAY])
     if trail is None:
         return Exposure(delay, float(ekf.x[State.RATE]) * delay)
-    claimed = trail.exposure(t_ns, delay, variance, ekf.config.gyro_sigma**2)
+    claimed = trail.exposure(t_ns, delay, variance, noise * ekf.config.gyro_sigma**2)
     bias, gain = float(ekf.x[State.BIAS]), 1.0 + float(ekf.x[State.GYRO_SCALE])
     turn, rate = (claimed.turn - bias * delay) / gain, (claimed.rate - bias) / gain
     unseen = ekf.config.watched_rate_walk**2 * max(-delay, 0.0) ** 3 / 3.0  # exposed after the last sample
@@ -38,14 +42,34 @@ def exposure(ekf: YawEkf, t_ns: int, trail: GyroTrail | None) -> Exposure:
     held, since = (last.rate - bias) / gain, min(max(delay, 0.0), (t_ns - last.t_ns) * 1e-9)
     # a gyro whose samples come late: its last rate is held, and the filter may know of another from the images
     unseen += ((float(ekf.x[State.RATE]) - held) ** 2 + float(ekf.P[State.RATE, State.RATE])) * since**2
-    return Exposure(delay, turn, rate, claimed.variance + unseen, watched=True)
+    rate_variance = claimed.rate_variance / gain**2
+    return Exposure(delay, turn, rate, claimed.variance + unseen, watched=True, rate_variance=rate_variance)
 
 
-def clone_exposure(ekf: YawEkf, into: int, exposure: Exposure) -> None:
-    """Copy the yaw that an image of the present stamp shows: that of its exposure, with its timestamp jitter."""
+def mean_turning(before: float, exposure: Exposure) -> float:
+    """Mean square of the turn rate at the last images, in variances of its noise, after one more exposure."""
+    turning = exposure.rate**2 / exposure.rate_variance if exposure.rate_variance > 0.0 else 0.0
+    return before + (turning - before) / TURNING_IMAGES
+
+
+def told_of_delay(turning: float) -> float:
+    """Share of a measured turn rate that tells of the delay, of the mean square `turning` as `mean_turning` has it.
+
+    Where a robot drives straight, a gyro's noise would be taken for a turn rate, and images that show none of it would
+    say that there is no delay, a little each. Shrunk as by James & Stein 1961, with twice the noise as margin.
+    """
+    return max(1.0 - NOISES / turning, 0.0) if turning > 0.0 else 0.0
+
+
+def clone_exposure(ekf: YawEkf, into: int, exposure: Exposure, told: float = 1.0) -> None:
+    """Copy the yaw that an image of the present stamp shows: that of its exposure, with its timestamp jitter.
+
+    The share `told` of the turn rate is taken to be one; what the rest makes of an error of the delay is less than the
+    variance that the exposure has for the gyro's noise.
+    """
     T = IDENTITY.copy()
     T[into] = T[State.YAW]
-    T[into, State.CAMERA_DELAY] = -exposure.rate
+    T[into, State.CAMERA_DELAY] = -told * exposure.rate
     if exposure.watched:
         gain = 1.0 + float(ekf.x[State.GYRO_SCALE])
         T[into, State.BIAS], T[into, State.GYRO_SCALE] = exposure.delay / gain, exposure.turn / gain
