@@ -32,13 +32,14 @@ from fusion.checks.faulty import FaultWatch
 from fusion.checks.gaps import GapWatch
 from fusion.checks.gate import SensorReport
 from fusion.checks.lead import LeadWatch
+from fusion.checks.pose_and_twist import PoseAndTwist
 from fusion.checks.silence import PERIODS, SilenceWatch
 from fusion.checks.spikes import SpikeWatch
 from fusion.checks.stamps import ABANDONED_NS, BACKLOG_NS, LONE_NS, ClockWatch, Elsewhen, StampSequence, confirmed
 from fusion.checks.warnings import Warning, most_serious_first
 from fusion.config import FusionConfig
 from fusion.filter import YawFilter
-from fusion.samples import YawEstimate
+from fusion.samples import OdometrySample, YawEstimate
 from fusion.state.filter_state import FilterState, estimate_of
 
 log = logging.getLogger(__name__)
@@ -90,6 +91,7 @@ class YawFusion:
         self._clocks, self._silence, self._pauses = ClockWatch(), SilenceWatch(), GapWatch()
         self._faults, self._leads = FaultWatch(), LeadWatch()
         self._spikes = SpikeWatch(by_poses=self.config.odometry == "pose")
+        self._fields = PoseAndTwist()
         self._beginning: list[Sample] | None = []  # until it is confirmed
 
     def add(self, sample: Sample) -> bool:
@@ -237,6 +239,8 @@ class YawFusion:
         self._silence.hear(sensor, sample.t_ns)
         if not isinstance(sample, YawIncrement):
             self._spikes.hear(sensor, sample)
+            if isinstance(sample, OdometrySample):
+                self._fields.hear(sample)
         self._pauses.hear(sample.t_ns, sample.t_ref_ns if isinstance(sample, YawIncrement) else None)
         self.counts[_LATE[sensor] if arrival is Arrival.LATE else _IN_ORDER[sensor]] += 1
         self._take_all(self._leads.hear(sensor, sample.t_ns))
@@ -307,6 +311,7 @@ class YawFusion:
         found = self._clocks.warnings()
         found += self._silence.warnings([warning.sensor for warning in found])
         found += self._pauses.warnings() + self._faults.warnings() + self._spikes.warnings()
+        found += self._fields.warnings()
         return found + [w for sequence in self._sequences.values() for w in sequence.warnings()]
 
     @property

@@ -46,7 +46,7 @@ def robot_drive(
     `camera_delay` seconds after their exposure.
     """
     rng = np.random.default_rng(seed)
-    rate, speed = _legs(rng, round(HZ * seconds))
+    rate, speed = legs(rng, round(HZ * seconds))
     hertz = gyro_hz, track_hz, compass_hz
     return sensed(rng, rate, speed, bias=bias, scale=scale, hertz=hertz, camera_delay=camera_delay, eyes=eyes)
 
@@ -91,7 +91,7 @@ def sensed(
     return RobotDrive(np.arange(n) / HZ, yaw, sorted(samples, key=lambda sample: sample.t_ns), camera_delay)
 
 
-def _legs(rng, n):
+def legs(rng, n):
     rate, speed, i = np.zeros(n), np.zeros(n), 2 * HZ
     while i < n - 2 * HZ:
         leg = int(rng.uniform(1.0, 4.0) * HZ)

@@ -127,6 +127,24 @@ def test_video_that_was_cut_says_how_much_is_missing(video, tmp_path):
     assert "frames could be read" in warning["text"]
 
 
+def test_video_of_variable_frame_rate_misses_nothing_where_its_container_counts_no_frames(tmp_path):
+    av = pytest.importorskip("av", reason="videos need PyAV")
+    path = tmp_path / "ride.mkv"
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("mpeg4", rate=RATE)
+        stream.width, stream.height, stream.pix_fmt, stream.bit_rate = 256, 128, "yuv420p", 8_000_000
+        for index, t in enumerate(DRIVE.times(RATE)):
+            if index > 10 and index % 3:  # it got dark: longer exposures
+                continue
+            frame = av.VideoFrame.from_ndarray(np.repeat(DRIVE.panorama(t)[:, :, None], 3, axis=2), format="rgb24")
+            frame.pts = index
+            container.mux(stream.encode(frame))
+        container.mux(stream.encode())
+    summary = fuse(path, tmp_path / "out")
+    assert summary["warnings"] == []
+    assert summary["yaw"]["raw_compass"]["turned_deg"] == pytest.approx(TURNED, abs=30 * 0.01 * 360 / 256)
+
+
 def test_folder_of_images_gives_the_turn_at_its_times(folder, tmp_path):
     summary = fuse(folder, tmp_path / "out", "--odometry", odometry_csv(tmp_path / "odom.csv", 1_700_000_000.0))
     assert summary["start_ns"] == 1_700_000_000_000_000_000

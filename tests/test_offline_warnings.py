@@ -127,6 +127,12 @@ def turning_frames(times, dark=(np.inf, np.inf)):
     ]
 
 
+@pytest.mark.parametrize(("times", "seconds", "named"), [([0.5], 6.0, True), ([0.5], 2.0, False), ([], 6.0, False)])
+def test_single_image_of_a_recording_that_goes_on_is_named(times, seconds, named):
+    run = fuse_recording(recording(steady_gyro(seconds), turning_frames(times)), Settings())
+    assert ("sensor_silent" in [one.warning.code for one in run.warnings]) is named
+
+
 def test_rows_without_a_measurement_are_predicted_to_their_own_time():
     """Images only, two seconds of them dark: nobody knows how the robot turns."""
     frames = turning_frames(np.arange(0.0, 6.0, 0.1), dark=(2.95, 5.0))

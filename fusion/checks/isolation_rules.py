@@ -20,6 +20,7 @@ LONG = 6.0  # s; in longer ones errors that last are no noise any more
 STUCK = 0.2  # ratio of turns; less is no scale factor, nor is more than its inverse
 STEADY, STEADY_WINDOWS = 0.2, 2  # by so much of itself a bias changes; windows that show it
 SCALED = 12.0  # standard deviations of the gyro's scale factor: a tenth of a turn as long as it is not learnt
+UNLIKELIER = 5.0  # times as large a bias: by a prior of heavy tails, as of any gyro, 25 times less likely
 SLIPPED_ON = 3  # windows; tracks that slip for longer do not see the robot turn
 
 
@@ -61,7 +62,8 @@ def _judge_start(iso: Isolation, window: Window, bias: float) -> Judged:
     """Find images that turn while tracks stand and a gyro turns at one rate, since the robot was switched on.
 
     Either it turns at a crawl that the tracks do not see, or what the images show moves. How much of its rate is bias
-    nobody has told the gyro yet but the images: that all of it is remains the alternative.
+    nobody has told the gyro yet but the images: that all of it is remains the alternative. Not so where the gyro's rate
+    is that of the images, and too high for a bias: both turn.
     """
     gyro, tracks, before = window.gyro, window.tracks, iso.start
     if iso.moved or gyro is None or tracks is None:
@@ -76,7 +78,10 @@ def _judge_start(iso: Isolation, window: Window, bias: float) -> Judged:
     images, off = start.compass, start.compass.turn if start.compass else 0.0
     if abs(off) <= GROSS * WINDOW_NS * 1e-9 or not contradict(images, start.tracks, 0.0):
         return replace(iso, start=start), Remedy()
-    iso = replace(iso, moved=True, start=None).noting(replace(start, gyro=Claim(0.0, noise)))
+    iso = replace(iso, moved=True, start=None)
+    if abs(usual) > UNLIKELIER * math.hypot(window.bias_sigma, usual - off / start.seconds):
+        return iso, Remedy()  # it turns on something that turns
+    iso = iso.noting(replace(start, gyro=Claim(0.0, noise)))
     stands = Alternative(Sensor.GYRO, start.start_ns, -off, usual, until_ns=start.t_ns, rate=-off / start.seconds)
     return iso.with_alternative(stands), Remedy()
 

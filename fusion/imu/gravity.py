@@ -18,6 +18,7 @@ _LENGTH_ERROR = 0.2
 # A gyro with other axes, or in deg/s, tips the vertical over. It is looked at every so many s, where it tips by so much
 # (rad^2, squared chord; robots do so in a fall), beside the accelerometer's mean over so many s. Not derived.
 _BLOCK, _TIPPED, _SHAKEN = 1.0, 0.5**2, 0.2
+_NEAR = 0.25**2  # rad^2; up to there what the accelerometer sees is what is believed; not derived
 _PROVEN = 0.25  # s; before, a bump of 1 m/s^2 on an accelerometer without gravity would be taken for 1 g
 
 
@@ -124,16 +125,16 @@ class Gravity:
         An IMU that comes loose, or a driver that gives other axes. The mean of both would be a vertical that is none.
         """
         self.moved = False
-        if self._lately is None or seen is None or self._direction is None or not _apart(seen, self._direction):
+        if self._lately is None or seen is None or self._direction is None or _near(seen, self._direction, _NEAR):
             self._agreed, self._astray = seen, 0.0
-        elif self._agreed and _apart(seen, self._agreed) and _is_gravity(self._lately, _UNITS):
-            self._astray += dt
+        elif _near(seen, self._direction, _TIPPED) or self._agreed is None or _near(seen, self._agreed, _NEAR):
+            self._astray = 0.0
+        else:
+            self._astray = self._astray + dt if _is_gravity(self._lately, _UNITS) else 0.0
             self.moved = self._astray >= _BLOCK
             if self.moved:
                 self._begin_anew()
                 self._follows, self._agreed, self._astray = Following(_TIPPED), None, 0.0
-        else:
-            self._astray = 0.0
 
     def _begin_anew(self) -> None:
         self._direction, self._drift, self._heard = None, (0.0, 0.0, 0.0), 0.0
@@ -148,7 +149,7 @@ class Gravity:
         # A plain mean while young, then a mean that forgets.
         gain = dt / (self._age + 2.0 * dt) if force and dt > 0.0 else 0.0
         self._age = min(self._age + dt, self._seconds)
-        if force and gain > 0.0:
+        if force and gain > 0.0 and not self.doubtful:
             pull = dt / max(self._age, _YOUNG) ** 2
             across = cross(now, force)
             self._drift = vector([drift + pull * a for drift, a in zip(self._drift, across, strict=True)])
@@ -156,9 +157,9 @@ class Gravity:
         self._direction = unit(now)
 
 
-def _apart(a: Vector, b: Vector) -> bool:
-    """Whether two directions differ by more than a robot's acceleration makes of gravity."""
-    return 2.0 - 2.0 * dot(a, b) > _TIPPED
+def _near(a: Vector, b: Vector, limit: float) -> bool:
+    """Whether two directions differ by no more than a limit, rad^2."""
+    return 2.0 - 2.0 * dot(a, b) <= limit
 
 
 def _is_gravity(force: Vector, units: Sequence[tuple[float, str]]) -> bool:

@@ -130,16 +130,18 @@ class ImuLevel:
                 self._moved_ns = t_ns
                 if self.source == "gravity":
                     self._forget_up()
+                    self._axes = RobotAxes(moved=True)
             self._orientation.follow(step_ns, rate, orientation, self._gravity.up)
             self._choose_up()
             if self.up is not None and self.config.up not in AXES:
                 self._axes.learn(step_ns, rate, self.up)
             variance = self._variance(rate)
             self._complain(t_ns, rate, variance is not None)
-            if self._gravity.doubtful and self.source == "gravity":
-                variance = max(variance or 0.0, dot(rate, rate))  # any share of it may be about the vertical
+        doubtful = self._gravity.doubtful and self.source == "gravity"
+        if doubtful:
+            variance = max(variance or 0.0, dot(rate, rate))  # any share of it may be about the vertical
         yaw_rate, axes = self._yaw_rate(rate), self._axes.known(self._forward)
-        if axes is None or self.up is None:
+        if axes is None or self.up is None or doubtful:
             return GyroSample(t_ns, yaw_rate, variance, factor_sigma=self._factor_sigma)
         x, y, z = axes
         up = dot(self.up, x), dot(self.up, y), dot(self.up, z)

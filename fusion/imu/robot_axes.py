@@ -27,12 +27,15 @@ class RobotAxes:
     """Distinguishes a tilted robot from an IMU that is mounted askew, by the axis about which the robot turns.
 
     At first that is taken to be the axis of the IMU next to the vertical, firmly within 10 deg of it, loosely from 18
-    to 35 deg; where there is none, the tilt is not known until the robot has turned by 0.5 rad.
+    to 35 deg; where there is none, the tilt is not known until the robot has turned by 0.5 rad. Nor is it of an IMU
+    that has `moved` in its mount.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, *, moved: bool = False) -> None:
         self._turned: Vector = (0.0, 0.0, 0.0)  # all turning, to the right taken for to the left, rad
-        self._aligned: Vector | None = None  # axis of the IMU taken for the robot's own, times what it counts, squared
+        self._aligned: Vector | None = (
+            (0.0, 0.0, 0.0) if moved else None
+        )  # axis of the IMU taken for the robot's own, times what it counts, squared
 
     def learn(self, step_ns: int, rate: Vector, up: Vector) -> None:
         """Note about which axis the robot turns: time since the last reading, ns; rad/s; the vertical."""

@@ -16,6 +16,7 @@ from compass import CompassStatus, YawIncrement
 from compass.mount import UNKNOWN, CameraMount
 from fusion.buffer.events import Sample, Sensor
 from fusion.checks.gate import SensorReport
+from fusion.checks.silence import SILENT_NS
 from fusion.checks.warnings import Warning
 from fusion.compass_rate import CompassRate
 from fusion.offline.looks import Look, Looks
@@ -183,10 +184,13 @@ class _Run:
         self._reported: dict[Sensor, int] = {}
         self._last_ns: int | None = None
         self._history = WarningHistory()
+        self._only_image_ns: int | None = None  # of the first image, until the second
 
     def take(self, event: Event) -> None:
         """Feed one event and note a row where one is due."""
         if isinstance(event, Look):
+            first = event.status is CompassStatus.FIRST_FRAME and all(row.compass is None for row in self.rows)
+            self._only_image_ns = event.t_ns if first else None
             self._note(event.t_ns, self._read(event))
         elif self.pipeline.add(event):
             self._last_ns = event.t_ns
@@ -198,7 +202,17 @@ class _Run:
         self.pipeline.flush()
         if self._last_ns is not None and self.rows and self._last_ns > self.rows[-1].t_ns:
             self._note(self._last_ns, None)
-        return self._history.finish(self.pipeline.warnings())
+        return self._history.finish([*self.pipeline.warnings(), *self._lone_image()])
+
+    def _lone_image(self) -> list[Warning]:
+        """What is wrong if one image has come, and none after it while the others went on."""
+        if self._only_image_ns is None or self.rows[-1].t_ns - self._only_image_ns <= 2 * SILENT_NS:
+            return []
+        text = (
+            "compass: one image, and nothing to compare it with after it; the yaw goes on without it: check the camera,"
+            " its driver and its link"
+        )
+        return [Warning("sensor_silent", Sensor.COMPASS.value, self._only_image_ns, text)]
 
     def reports(self) -> dict[Sensor, SensorReport]:
         """How the samples of each sensor that has given any fared at the gate so far."""

@@ -24,7 +24,7 @@ SUFFIXES = (
     *(".mp4", ".m4v", ".mov", ".mkv", ".webm", ".avi", ".ts", ".mts", ".m2ts", ".mpg", ".mpeg", ".3gp", ".ogv"),
     *(".insv", ".360", ".lrv"),
 )
-MISSING = 0.01  # of the frames that the container counts
+MISSING = 0.01  # of the frames that the container counts, or of its duration where it does not
 HALVINGS = (8, 4, 2)
 
 
@@ -53,6 +53,7 @@ class VideoFile:
                 raise ImageFileError(f"{path}: frames of {stream.width} x {stream.height} pixels are not decoded")
             seconds = float((stream.duration or 0) * (stream.time_base or 0)) or (container.duration or 0) * 1e-6
             rate = float(stream.average_rate or stream.guessed_rate or 0)
+            self._counted = bool(stream.frames)  # Matroska does not, and a rate may be any mean
             self.count = int(stream.frames) or round(seconds * rate)
             self._duration_ns = round(seconds * 1e9)
 
@@ -95,7 +96,7 @@ class VideoFile:
 
     def frames(self, columns: int, dropped: Counter[str]) -> Iterator[Frame]:
         """Each by its time in grey, reduced while it stays at least `columns` wide; damaged ones are counted."""
-        seen = 0
+        seen, shown_ns, longest_ns = 0, 0, 0
         with self._opened() as (container, stream):
             stream.thread_type = "AUTO"
             stream.codec_context.options = {"err_detect": "explode"}  # else damage is filled in
@@ -105,10 +106,15 @@ class VideoFile:
                     dropped["video: frame without a time"] += 1
                     continue
                 seen += 1
-                since = (frame.pts - first) * frame.time_base * 1_000_000_000
-                yield Frame(self._start_ns + round(since), self._grey(frame, columns))
-        if seen < (1.0 - MISSING) * self.count:
+                since_ns = round((frame.pts - first) * frame.time_base * 1_000_000_000)
+                longest_ns, shown_ns = max(longest_ns, since_ns - shown_ns), since_ns
+                yield Frame(self._start_ns + since_ns, self._grey(frame, columns))
+        if self._counted and seen < (1.0 - MISSING) * self.count:
             self.faults.append(f"{self.path.name}: {seen} of {self.count} frames could be read")
+        unseen_ns = self._duration_ns - shown_ns
+        if not self._counted and unseen_ns > max(MISSING * self._duration_ns, 2 * longest_ns):
+            until = f"up to {shown_ns * 1e-9:.1f} of {self._duration_ns * 1e-9:.1f} s"
+            self.faults.append(f"{self.path.name}: {seen} frames could be read, {until}")
 
     def _grey(self, frame: Any, columns: int) -> Any:
         """The picture as it is meant to be shown, upright, in grey."""

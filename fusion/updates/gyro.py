@@ -88,9 +88,9 @@ class GyroUpdate:
                 variance += self._config.initial_rate_sigma**2
         if abs(sample.yaw_rate) > FASTEST_ROBOT:
             return
-        measurement = gyro_measurement(
-            state.ekf, sample.yaw_rate, variance, scale_observable=state.hears(Sensor.COMPASS)
-        )
+        # at rest the rate is the samples' own noise, and its square would be learnt for a scale
+        observable = state.hears(Sensor.COMPASS) and not state.stillness.standing
+        measurement = gyro_measurement(state.ekf, sample.yaw_rate, variance, scale_observable=observable)
         expected = state.ekf.expect(measurement)
         prior = expected.S - measurement.R
         since_ns = None if state.isolation.excludes(Sensor.GYRO) else refused.accepted_ns
