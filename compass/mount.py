@@ -17,7 +17,6 @@ import numpy.typing as npt
 from compass.agreement import DISAGREE
 from compass.tilt import STEEPEST_COSINE, TILT_NOISE, Vector, about_z, beyond_error, camera_rotation, tilt_between
 
-LEVEL: Vector = (0.0, 0.0, 1.0)
 # Half and double of each: docs/lab-notes/mount-2026-11-30.md.
 # Of a mount that nothing is known of; with 3 deg one that is knocked askew errs ten times as much.
 SIGMA = math.radians(6.0)
@@ -121,9 +120,6 @@ class CameraMount:
             return None
         angle = math.asin(sine) / sine
         return np.asarray(cv2.Rodrigues(np.array([-y * angle, x * angle, 0.0]))[0], np.float64)
-
-
-UNKNOWN = CameraMount()
 
 
 def _parts(rotation: npt.NDArray[np.float64]) -> tuple[float, tuple[float, float]]:

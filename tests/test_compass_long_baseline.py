@@ -11,7 +11,7 @@ from panoramas import FRAME_NS, PHOTO_NAMES, START_NS, as_bytes, azimuths, photo
 from compass import CompassConfig, CompassStatus, VisualCompass, wrap_angle
 from compass.features.bearings import Tangents, undo
 from compass.features.matching import Corners, follow_landmarks
-from compass.features.motion import NEXT_PX
+from compass.features.motion import narrowing
 from compass.features.patch_alignment import align
 from compass.features.solver import ascend
 from compass.images.strip import prepare_strip
@@ -97,7 +97,7 @@ def test_what_is_badly_known_along_edges_does_not_turn_the_motion():
         fit = corners.motions(mean, 0.01)
         start = fit.only(fit.best)
         for _ in range(3):
-            start = ascend(corners.problem(start.states[0], mean), start, NEXT_PX / PER_RAD)
+            start = ascend(corners.problem(start.states[0], mean), start, narrowing(1.0 / PER_RAD, goes_on=True))
         return start.states[0, 0]
 
     alike, told = turn_by(0.0), turn_by(3e-3**2)

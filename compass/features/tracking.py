@@ -15,8 +15,8 @@ import numpy as np
 import numpy.typing as npt
 
 from compass.agreement import ALIKE
-from compass.features.padded_strip import HALF, MARGIN, Picture
-from compass.features.points import SIDE, WINDOW, Patches, levelled, sample
+from compass.features.padded_strip import MARGIN, WINDOW, Picture
+from compass.features.points import Patches, levelled, sample
 from compass.flow.correlation import FLOOR_PX
 from compass.images.strip import Pixels
 
@@ -92,13 +92,13 @@ def _tracked(before: Picture, patches: Patches, now: Picture, guess: Pixels, lev
         now.bytes,
         patches.at + np.array([MARGIN, 0.0], np.float32),
         start.copy(),
-        winSize=(SIDE, SIDE),
+        winSize=(WINDOW.side, WINDOW.side),
         flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
         criteria=STOP,
         **depth,
     )
     # a patch, what its interpolation needs round it, and what the finer alignment adds lie within the picture
-    edge = np.array([SIDE + LONGEST_CORRECTION_PX, HALF], np.float32)
+    edge = np.array([WINDOW.side + LONGEST_CORRECTION_PX, WINDOW.half], np.float32)
     whole = ((rough >= edge) & (rough < np.array(now.soft.shape[::-1], np.float32) - edge)).all(axis=1)
     index = np.flatnonzero(found[:, 0].astype(bool) & whole)
     rough = np.asarray(rough[index], np.float32) - np.array([MARGIN, 0.0], np.float32)
@@ -109,7 +109,7 @@ def _tracked(before: Picture, patches: Patches, now: Picture, guess: Pixels, lev
         finer, left[again] = _aligned(patches, index[again], now, at[again])
         at[again] = np.clip(finer, rough[again] - LONGEST_CORRECTION_PX, rough[again] + LONGEST_CORRECTION_PX)
     likeness = np.sqrt(np.maximum(1.0 - left / patches.contrast[index] ** 2, 0.0))
-    of_mean = np.float32(WINDOW @ WINDOW)  # variance of a weighted mean of pixels, of that of one
+    of_mean = np.float32(WINDOW.weights @ WINDOW.weights)  # variance of a weighted mean of pixels, of that of one
     return Tracks(index, at, left * of_mean, likeness, now.columns).some(likeness > ALIKE)
 
 
@@ -117,7 +117,7 @@ def _aligned(patches: Patches, index: Index, now: Picture, at: Pixels) -> tuple[
     """Where some patches are, seen to be about `at`; and the mean square that is then left of their difference."""
     seen, bright = levelled(sample(now.soft, at))
     contrast, values = patches.contrast[index], patches.values[index]
-    likeness = (seen * values) @ WINDOW / (contrast * bright)
+    likeness = (seen * values) @ WINDOW.weights / (contrast * bright)
     seen *= (contrast / bright)[:, None]
     seen -= values
     step = (patches.answer[index] @ seen[..., None])[..., 0]
