@@ -7,15 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from compass.agreement import DISAGREE
+from compass.agreement import AGREE, DISAGREE
 from compass.features.bearings import Index
 from compass.features.points import PER_SECTOR, SECTORS, Floats
-from compass.features.solver import TINY, Fit, Problem, Start, State, ascend, even_shares
+from compass.features.solver import Fit, Problem, Start, State, ascend, even_shares
+from compass.flow.correlation import TINY
 
 DIRECTIONS = 6  # of travel that are tried where none is known: a basin of attraction is wider than 60 deg
-# Of the corners must be inliers for a motion to be taken without trying others, a turn without travel, too. With 0.8,
-# 0.9 and 0.95 increments of six tuned drives err by 0.0055, 0.0048 and 0.0048 deg RMS, in 2.3, 2.7 and 2.9 ms.
-AGREE = 0.9
 # By so many columns is a motion off of which nothing is known yet: with 5 tracks of a corridor that turns go astray.
 FIRST_PX = 2.0
 

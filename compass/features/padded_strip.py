@@ -14,7 +14,6 @@ from compass.images.strip import Pixels, Strip
 
 Grey = npt.NDArray[np.uint8]
 
-MIN_CONTRAST = 1e-3  # grey values of 255; keeps finite what has no gradient, and at its start
 MARGIN = 64  # columns of the other end on either side: a patch and the longest way of one fit
 # across neighbours, a deviation of 0.6 pixels: interpolation between sharp pixels pulls tracks to whole columns
 SOFT = cv2.getGaussianKernel(3, 0.6, cv2.CV_32F)

@@ -9,9 +9,9 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from compass.features.padded_strip import MIN_CONTRAST, Window
+from compass.features.padded_strip import Window
 from compass.features.tracking import LONGEST_CORRECTION_PX
-from compass.flow.correlation import Floats
+from compass.flow.correlation import TINY, Floats
 from compass.images.strip import Pixels
 
 # With 5 pixels from the middle to the edge, long baselines err by a fifth more, with 8 and 9 better here and worse
@@ -49,7 +49,7 @@ def align(before: Pixels, after: Pixels, at: Floats, start: Floats) -> tuple[Flo
     )
     steepest -= (steepest @ WIDE.weights)[..., None]
     weighed = steepest * WIDE.weights
-    known = np.linalg.inv(weighed @ steepest.transpose(0, 2, 1) + MIN_CONTRAST * np.eye(6, dtype=np.float32))
+    known = np.linalg.inv(weighed @ steepest.transpose(0, 2, 1) + TINY * np.eye(6, dtype=np.float32))
     answer = known @ weighed
     found = start.astype(np.float32)
     for _ in range(ROUNDS):
@@ -86,4 +86,4 @@ def _levelled(patches: Pixels) -> Pixels:
 
 def _contrast(patches: Pixels) -> Pixels:
     """(n, 1) root mean squares."""
-    return np.asarray(np.sqrt((patches * patches) @ WIDE.weights)[:, None] + MIN_CONTRAST, np.float32)
+    return np.asarray(np.sqrt((patches * patches) @ WIDE.weights)[:, None] + TINY, np.float32)

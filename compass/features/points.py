@@ -11,7 +11,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from compass.features.padded_strip import MARGIN, MIN_CONTRAST, WINDOW, Picture
+from compass.features.padded_strip import MARGIN, WINDOW, Picture
+from compass.flow.correlation import TINY
 from compass.images.strip import Pixels
 
 Floats = npt.NDArray[np.floating]
@@ -22,10 +23,6 @@ SECTORS, PER_SECTOR = 32, 6
 # Smaller eigenvalue of a corner, of that of the strongest: without, increments err by 1.15 times as much
 # (docs/lab-notes/constants-2026-11-29.md).
 WEAKEST = 3e-3
-# Weights of six neighbours in a row at a part p of the way from the third to the fourth, by 1, p, p^2 and p^3.
-KEYS = np.array(
-    [[0, 0, 12, 0, 0, 0], [1, -8, 0, 8, -1, 0], [-2, 15, -28, 20, -6, 1], [1, -7, 16, -16, 7, -1]], np.float32
-) / np.float32(12.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -106,7 +103,7 @@ def cut_patches(picture: Picture, at: Pixels) -> Patches:
     like = (slopes @ (values * WINDOW.weights)[..., None])[..., 0] / (contrast**2)[:, None]
     slopes -= like[..., None] * values[:, None]
     weighed = slopes * WINDOW.weights
-    information = weighed @ slopes.transpose(0, 2, 1) + np.float32(MIN_CONTRAST) * np.eye(2, dtype=np.float32)
+    information = weighed @ slopes.transpose(0, 2, 1) + np.float32(TINY) * np.eye(2, dtype=np.float32)
     inverse = np.asarray(np.linalg.inv(information), np.float32)
     answer = inverse @ weighed
     centre = (answer @ growing[..., None])[..., 0]
@@ -136,15 +133,17 @@ def _windows(pixels: Pixels, whole: npt.NDArray[np.intp], before: int, after: in
 
 def _interpolations(part: Pixels) -> Pixels:
     """(2, n, WINDOW.side, WINDOW.side + 5) matrices that interpolate a row, or a column, at (n, 2) parts of a pixel."""
+    # weights, times 12, of six neighbours at a part p of the way from the third to the fourth: by 1, p, p^2, p^3
+    keys = [[0, 0, 12, 0, 0, 0], [1, -8, 0, 8, -1, 0], [-2, 15, -28, 20, -6, 1], [1, -7, 16, -16, 7, -1]]
     powers = np.stack([np.ones_like(part), part, part * part, part * part * part], axis=-1)
     banded = np.zeros((2, len(part), WINDOW.side, WINDOW.side + 5), np.float32)
     *outer, row, column = banded.strides
     bands = np.lib.stride_tricks.as_strided(banded, (2, len(part), WINDOW.side, 6), (*outer, row + column, column))
-    bands[:] = (powers @ KEYS).transpose(1, 0, 2)[:, :, None]
+    bands[:] = (powers @ (np.array(keys, np.float32) / np.float32(12.0))).transpose(1, 0, 2)[:, :, None]
     return banded
 
 
 def levelled(patches: Pixels) -> tuple[Pixels, Pixels]:
     """Patches without their weighted means, and (n,) their weighted root mean squares."""
     patches = patches - (patches @ WINDOW.weights)[:, None]
-    return patches, np.maximum(np.sqrt((patches * patches) @ WINDOW.weights), np.float32(1e-3))
+    return patches, np.maximum(np.sqrt((patches * patches) @ WINDOW.weights), np.float32(TINY))

@@ -10,10 +10,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from compass.agreement import DISAGREE
+from compass.agreement import AGREE, DISAGREE
 from compass.angles import wrap_angle
 from compass.features.bearings import Projection, Tangents, undo
-from compass.features.motion import AGREE, FIRST_PX, Motion, yaw_variance
+from compass.features.motion import FIRST_PX, Motion, yaw_variance
 from compass.features.padded_strip import MARGIN, WINDOW, Picture
 from compass.features.points import Floats, Patches, cut_patches, find_corners, sectors_of
 from compass.features.prior import FEWEST, GAP, imu_tilt, precision_of, tilt_error
