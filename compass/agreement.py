@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 DISAGREE = 3.0  # deviations by which two answers to one question may differ
-NO_CHANCE = 10  # so many in a row that go one way are no chance: one in 2^9, which is about three deviations
 # Normalised correlation from which on two patches show the same: 0.7 to 0.92 are better here and worse there, but with
 # 0.85 small noisy images lose their tracks (docs/lab-notes/constants-2026-11-30.md).
 ALIKE = 0.8

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from compass.agreement import NO_CHANCE
+BELIEVED_BACKWARD = 10  # images in a row whose stamps rise, but lie before a wrong one: by chance 1 in 2^9
 
 
 class StampOrder:
@@ -24,7 +24,7 @@ class StampOrder:
     @property
     def went_back(self) -> bool:
         """Whether the row is long enough: the later stamp was the wrong one."""
-        return len(self._earlier_ns) >= NO_CHANCE
+        return len(self._earlier_ns) >= BELIEVED_BACKWARD
 
     def waited_ns(self) -> int:
         """How long images with earlier stamps came before they were believed, ns; begins the next row."""

@@ -8,9 +8,8 @@ import pytest
 from panoramas import FRAME_NS, PHOTO_NAMES, START_NS, as_bytes, photo, scene, shifted
 
 from compass import CompassConfig, VisualCompass
-from compass.agreement import NO_CHANCE
 from compass.images import full_circle
-from compass.images.full_circle import EVERY
+from compass.images.full_circle import EVERY, VIEWS
 
 WIDTH, HEIGHT = 512, 256
 SCENE = scene(4, WIDTH, HEIGHT)
@@ -23,7 +22,7 @@ def look_at_each(monkeypatch):
     monkeypatch.setattr(full_circle, "EVERY", 1)
 
 
-def verdict_of(make, panorama=SCENE, frames=2 * NO_CHANCE + 1):
+def verdict_of(make, panorama=SCENE, frames=2 * VIEWS + 1):
     """What is said of a turning panorama that went through `make`; the method, here the cheapest, has no say in it."""
     compass = VisualCompass(CompassConfig(method="rows"))
     for index in range(frames):
@@ -144,7 +143,7 @@ def test_what_is_no_full_circle_is_named(make, word):
 )
 def test_full_circle_is_not_blamed(make):
     verdict = verdict_of(make)
-    assert verdict.views >= NO_CHANCE
+    assert verdict.views >= VIEWS
     assert verdict.fault == ""
 
 
@@ -157,7 +156,7 @@ def test_nothing_is_said_of_a_camera_that_stands():
 
 def test_changed_size_is_judged_anew():
     compass = VisualCompass()
-    for index in range(2 * NO_CHANCE):
+    for index in range(2 * VIEWS):
         compass.update(START_NS + index * FRAME_NS, half(as_bytes(shifted(SCENE, STEP * index), 2.0, index)))
     assert compass.circle.verdict.fault
     compass.update(START_NS + 10**12, as_bytes(scene(5, 640, 320)))
@@ -194,7 +193,7 @@ def test_mast_at_the_seam_crosses_nothing():
 )
 def test_yaw_of_no_full_circle_may_be_wrong_by_a_factor(make, sigma):
     compass, given = VisualCompass(CompassConfig(method="rows")), []
-    for index in range(2 * NO_CHANCE + 1):
+    for index in range(2 * VIEWS + 1):
         image = make(as_bytes(shifted(SCENE, STEP * index), 2.0, index))
         given.append(compass.update(START_NS + index * FRAME_NS, image))
     assert given[-1].factor_sigma == sigma
@@ -204,7 +203,7 @@ def test_yaw_of_no_full_circle_may_be_wrong_by_a_factor(make, sigma):
 
 def test_factor_is_not_forgotten_by_repeated_images_nor_by_another_size():
     compass = VisualCompass()
-    for index in range(4 * NO_CHANCE):
+    for index in range(4 * VIEWS):
         image = half(as_bytes(shifted(SCENE, STEP * index), 2.0, index))
         for again in (0, 1):  # a driver that sends each image twice
             given = compass.update(START_NS + index * FRAME_NS + again * 10_000_000, image)
@@ -213,11 +212,11 @@ def test_factor_is_not_forgotten_by_repeated_images_nor_by_another_size():
     assert compass.circle.verdict
     before = compass.yaw_variance
     other = as_bytes(scene(5, 640, 320))
-    compass.update(START_NS + 4 * NO_CHANCE * FRAME_NS, other)
-    again = compass.update(START_NS + 4 * NO_CHANCE * FRAME_NS + 10_000_000, other)  # of the keyframe itself
+    compass.update(START_NS + 4 * VIEWS * FRAME_NS, other)
+    again = compass.update(START_NS + 4 * VIEWS * FRAME_NS + 10_000_000, other)  # of the keyframe itself
     assert compass.circle.verdict is None
     assert again.factor_sigma == 0.5
-    compass.update(START_NS + (4 * NO_CHANCE + 1) * FRAME_NS, as_bytes(shifted(scene(5, 640, 320), STEP)))
+    compass.update(START_NS + (4 * VIEWS + 1) * FRAME_NS, as_bytes(shifted(scene(5, 640, 320), STEP)))
     assert compass.yaw_variance >= before
 
 

@@ -18,7 +18,6 @@ import numpy as np
 import numpy.typing as npt
 import scipy.fft
 
-from compass.agreement import NO_CHANCE
 from compass.flow.coarse_shift import PEAKS_PER_CIRCLE
 from compass.images.decode import Image, to_grey
 from compass.images.seen import MAST
@@ -26,6 +25,7 @@ from compass.images.strip import MIN_TEXTURE, UPRIGHT_ROWS, Pixels, Strip
 from compass.images.unwrap import BORDER_PX
 
 EVERY = 5  # images from one that is looked at to the next, ten times as many after the first verdict
+VIEWS = 8  # different ones: as many tosses of a coin agree by chance in one case of 2^8, about three deviations
 DARK = 16.0  # grey values of 255: black of video (ITU-R BT.601), as corners are that two round pictures leave
 # Halfway from what neighbours have to what any columns have. Medians over views of six photographs cut anywhere, two
 # real videos, a simulated corridor / the same photographs and a video of which half a circle, or nine tenths, are left:
@@ -124,17 +124,17 @@ class CircleCheck:
         self._views = 0
         self._looked = 0
         self._discs = 0
-        self._steps: tuple[deque[float], deque[float]] = (deque(maxlen=8 * NO_CHANCE), deque(maxlen=8 * NO_CHANCE))
-        self._crossing: deque[float] = deque(maxlen=8 * NO_CHANCE)
-        self._closing: deque[float] = deque(maxlen=8 * NO_CHANCE)
-        self._twice: deque[float] = deque(maxlen=8 * NO_CHANCE)
+        self._steps: tuple[deque[float], deque[float]] = (deque(maxlen=8 * VIEWS), deque(maxlen=8 * VIEWS))
+        self._crossing: deque[float] = deque(maxlen=8 * VIEWS)
+        self._closing: deque[float] = deque(maxlen=8 * VIEWS)
+        self._twice: deque[float] = deque(maxlen=8 * VIEWS)
         self._blank: npt.NDArray[np.bool_] | None = None
         self._verdict: CircleVerdict | None = None
 
     def look(self, strip: Strip, image: Image, encoding: str = "") -> None:
         """Take in an image that has texture, with the strip cut out of it."""
         self._count += 1
-        every = EVERY if self._views <= 2 * NO_CHANCE else 10 * EVERY  # a look takes half as long as an update
+        every = EVERY if self._views <= 2 * VIEWS else 10 * EVERY  # a look takes half as long as an update
         if (self._count - 1) % every or strip.columns < 4 * (BORDER_PX + 1):
             return
         self._looked += 1
@@ -188,10 +188,10 @@ class CircleCheck:
     @property
     def verdict(self) -> CircleVerdict | None:
         """What was seen so far; None before enough different views were."""
-        if self._verdict is None and (self._views >= NO_CHANCE or self._discs >= NO_CHANCE):
-            seam, middle = (float(np.median(steps)) if len(steps) >= NO_CHANCE else math.nan for steps in self._steps)
+        if self._verdict is None and (self._views >= VIEWS or self._discs >= VIEWS):
+            seam, middle = (float(np.median(steps)) if len(steps) >= VIEWS else math.nan for steps in self._steps)
             crossing, closing = (
-                float(np.quantile(found, part)) if 2 * len(found) >= NO_CHANCE else math.nan
+                float(np.quantile(found, part)) if 2 * len(found) >= VIEWS else math.nan
                 for found, part in ((self._crossing, 0.75), (self._closing, 0.25))
             )
             twice = float(np.median(self._twice)) if self._twice else math.nan
