@@ -15,16 +15,15 @@ import numpy as np
 import numpy.typing as npt
 
 from compass.agreement import DISAGREE
+from compass.history import RECENT
 from compass.tilt import STEEPEST_COSINE, TILT_NOISE, Vector, about_z, beyond_error, camera_rotation, tilt_between
 
-LEVEL: Vector = (0.0, 0.0, 1.0)
 # Half and double of each: docs/lab-notes/mount-2026-11-30.md.
 # Of a mount that nothing is known of; with 3 deg one that is knocked askew errs ten times as much.
 SIGMA = math.radians(6.0)
 # rad, least noise of the tilts that corners and IMU give together: of a simulated drive on level ground. With ten times
 # as much, one that is knocked askew may stay unnoticed in small turns.
 LEAST_NOISE = 0.001
-RECENT = 20.0  # images over which that noise is learnt; without it a knock is found late
 LASTS = 5.0  # images in which an error is much the same, as they are compared with one keyframe
 
 
@@ -108,7 +107,7 @@ class CameraMount:
         x, y = self.x + gain * (back[0] - aside[0]), self.y + gain * (back[1] - aside[1])
         steepest = math.sqrt(1.0 - STEEPEST_COSINE**2)  # beyond it a camera does not look at the horizon
         less = min(steepest / max(math.hypot(x, y), steepest), 1.0)
-        left = (1.0 - gain * chord) * missed / 2.0
+        left = (1.0 - gain * chord) * missed / 2.0  # its noise is learnt: with a fixed one a knock is found late
         noise = max(noise + (left - noise) / RECENT, LEAST_NOISE**2)
         return CameraMount(less * x, less * y, (1.0 - gain * chord) * variance, noise)
 
@@ -121,9 +120,6 @@ class CameraMount:
             return None
         angle = math.asin(sine) / sine
         return np.asarray(cv2.Rodrigues(np.array([-y * angle, x * angle, 0.0]))[0], np.float64)
-
-
-UNKNOWN = CameraMount()
 
 
 def _parts(rotation: npt.NDArray[np.float64]) -> tuple[float, tuple[float, float]]:

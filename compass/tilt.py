@@ -19,10 +19,11 @@ STEEPEST_COSINE = 0.3  # cosine of the pitch; steeper, and the heading is that o
 # rad, error of a tilt by corners and IMU: two rotations in either order differ by half of their product, and
 # `tilt_sigma` is 0.02
 TILT_NOISE = 0.01
-# In which a tilt that is not confirmed is forgotten: it is summed up from image to image. On rough ground in a held-out
-# place raw yaw errs by 0.48, 0.32, 0.27, 0.23, 0.23 deg with 0, 2.5, 5, 10 s and for ever; error^2/variance is 0.9, for
-# ever 1.4.
-LEVELS_S = 5.0
+# So long is good what is summed up from image to image: a tilt that is not confirmed is forgotten, a view is compared
+# with no more. On rough ground in a held-out place raw yaw errs by 0.48, 0.32, 0.27, 0.23, 0.23 deg where tilts last 0,
+# 2.5, 5, 10 s and for ever; error^2/variance is 0.9, for ever 1.4. Long baselines of 4 s err by 1.03 times as much as
+# those of 5, of any length by 1.3 (docs/lab-notes/constants-2026-11-30.md).
+GOOD_FOR_S = 5.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +77,7 @@ class Tilted:
 
     def later(self, seconds: float) -> Tilted:
         """The same some time later: level again, little by little."""
-        rotation = cv2.Rodrigues(self.matrix)[0].ravel() * math.exp(-max(seconds, 0.0) / LEVELS_S)
+        rotation = cv2.Rodrigues(self.matrix)[0].ravel() * math.exp(-max(seconds, 0.0) / GOOD_FOR_S)
         return Tilted(_rotation(*rotation.tolist()))
 
 

@@ -8,7 +8,7 @@ import pytest
 from panoramas import STARTS
 from scipy.spatial.transform import Rotation
 
-from compass.tilt import LEVELS_S, Tilted
+from compass.tilt import GOOD_FOR_S, Tilted
 
 ROUNDING = 1e-12  # of a hundred products of 3 x 3 matrices, rad
 
@@ -99,11 +99,11 @@ def test_tilt_after_a_turn_is_about_the_turned_axes():
     assert level.matrix == pytest.approx(np.eye(3), abs=ROUNDING)
 
 
-@pytest.mark.parametrize("seconds", [0.5, LEVELS_S, 20.0])
+@pytest.mark.parametrize("seconds", [0.5, GOOD_FOR_S, 20.0])
 def test_later_it_stands_level_again(seconds):
     leans, _ = Tilted().after(0.4, (0.08, -0.05))
     before, after = (Rotation.from_matrix(one.matrix).as_rotvec() for one in (leans, leans.later(seconds)))
-    assert after == pytest.approx(before * math.exp(-seconds / LEVELS_S), abs=ROUNDING)  # less of the same lean
+    assert after == pytest.approx(before * math.exp(-seconds / GOOD_FOR_S), abs=ROUNDING)  # less of the same lean
 
 
 @pytest.mark.parametrize("seconds", [0.0, -3.0])

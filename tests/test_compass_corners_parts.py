@@ -8,14 +8,16 @@ from panoramas import as_bytes, scene, shifted
 from scipy.stats import exponnorm
 
 from compass import CompassConfig
+from compass.agreement import AGREE
 from compass.features.bearings import Projection, Tangents, undo
 from compass.features.density import exponentially_modified
-from compass.features.motion import AGREE, Motion, parallax_score
-from compass.features.padded_strip import MARGIN, Picture
-from compass.features.points import SIDE, cut_patches, find_corners, sample
+from compass.features.motion import Motion, parallax_score
+from compass.features.padded_strip import MARGIN, WINDOW, Picture
+from compass.features.points import cut_patches, find_corners, sample
 from compass.features.prior import precision_of
-from compass.features.solver import MEANS_PX, TINY, Problem, Start, State, ascend, condition, even_shares
+from compass.features.solver import MEANS_PX, Problem, Start, State, ascend, condition, even_shares
 from compass.features.tracking import track
+from compass.flow.correlation import TINY
 from compass.images.strip import prepare_strip
 
 PER_PX = math.tau / 1024
@@ -116,7 +118,7 @@ def test_tracks_go_round_the_circle():
 
 @pytest.mark.parametrize("width", [256, 301, 1024])
 def test_farthest_track_is_cut_within_the_margin(width):
-    soft, farthest = picture(scene(3, width, 64)).soft, MARGIN - SIDE
+    soft, farthest = picture(scene(3, width, 64)).soft, MARGIN - WINDOW.side
     for column in (-farthest, width - 0.01 + farthest):
         cut = sample(soft, np.float32([[column, 30.0]]))
         # the picture goes on round the circle

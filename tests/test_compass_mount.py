@@ -10,7 +10,7 @@ from panoramas import FRAME_NS, START_NS, as_bytes, scene
 from tiny_bags import TinyBag, TinyDrive, fill
 
 from compass import CompassConfig, VisualCompass
-from compass.mount import LEVEL, SIGMA, CameraMount
+from compass.mount import SIGMA, CameraMount
 from compass.tilt import STEEPEST_COSINE, camera_rotation
 from fusion.offline.cli import main
 
@@ -19,6 +19,7 @@ pytestmark = pytest.mark.usefixtures("without_plot")
 WIDTH, HEIGHT = 512, 256
 SCENE = scene(3, WIDTH, HEIGHT)
 STEP = math.radians(4.0)
+LEVEL = (0.0, 0.0, 1.0)
 
 
 def rotation(x, y, z):

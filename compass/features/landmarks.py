@@ -19,9 +19,7 @@ from compass.images.strip import Strip
 
 Indices = npt.NDArray[np.intp]
 
-# Of ORB; 500 cost a third of the accuracy, 3 levels gain 7 %
-# and lose scale (docs/lab-notes/long-baseline-2026-11-28.md).
-CORNERS, LEVELS = 1000, 5
+CORNERS = 1000  # of ORB; 500 cost a third of the accuracy (docs/lab-notes/long-baseline-2026-11-28.md)
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +47,7 @@ class Landmarks:
 @lru_cache(maxsize=2)
 def landmarks_of(strip: Strip) -> Landmarks:
     """Corners of the world in a strip, with descriptors."""
-    picture, orb = Picture(strip), cv2.ORB.create(CORNERS, nlevels=LEVELS)
+    picture, orb = Picture(strip), cv2.ORB.create(CORNERS)
     patch_px = orb.getPatchSize()
     nothing = Landmarks(picture, np.empty((0, 2)), np.empty((0, 32), np.uint8), patch_px)
     if not shows_landmarks(strip):

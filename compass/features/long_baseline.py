@@ -17,12 +17,9 @@ from compass.images.strip import Strip
 from compass.increment import CompassStatus, YawIncrement
 from compass.methods.match import Search
 from compass.mount import CameraMount
-from compass.tilt import Tilted
+from compass.tilt import GOOD_FOR_S, Tilted
 
 Comparison = Callable[[], YawIncrement | None]
-# No further back: four seconds apart single pairs of views in a narrow passage are degrees off, at one second none is
-# (docs/lab-notes/gaps-2026-11-28.md); and the filter remembers the yaw of so long ago (`reference_window`).
-OLDEST_NS = 4_000_000_000
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -87,7 +84,7 @@ class LongBaselines:
             tilts, yaw = now.tilts.before(turn, tilt)
         apart = wrap_angle(yaw - expected) ** 2
         refused = match.status is not CompassStatus.OK or apart > DISAGREE**2 * (between + variance)
-        old = now.strip.t_ns - view.strip.t_ns > OLDEST_NS - config.long_baseline_interval * 1e9
+        old = now.strip.t_ns - view.strip.t_ns > (GOOD_FOR_S - config.long_baseline_interval) * 1e9
         with self._moving:
             if self._view is view and (refused or old or variance > between):  # the increments are as good
                 self._view = now

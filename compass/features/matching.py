@@ -20,7 +20,7 @@ from compass.agreement import ALIKE, DISAGREE
 from compass.angles import wrap_angle
 from compass.features.bearings import Projection, Tangents
 from compass.features.landmarks import Indices, Landmarks, landmarks_of, look_alikes, mutual_landmarks, two_nearest
-from compass.features.motion import DIRECTIONS, FIRST_PX, NEXT_PX, ambiguity, yaw_variance
+from compass.features.motion import DIRECTIONS, ambiguity, narrowing, yaw_variance
 from compass.features.padded_strip import MARGIN
 from compass.features.patch_alignment import align
 from compass.features.points import sectors_of
@@ -124,7 +124,7 @@ class Corners:
 
     def motions(self, mean: Floats, yaw_sigma: float = math.inf) -> Fit:
         """Motions near `mean` that explain them, one of each of some directions of travel."""
-        return ascend(self.problem(mean, mean, yaw_sigma), _all_round(mean), FIRST_PX * self.per_column)
+        return ascend(self.problem(mean, mean, yaw_sigma), _all_round(mean), narrowing(self.per_column))
 
 
 def _all_round(mean: Floats) -> Start:
@@ -208,8 +208,8 @@ def _found(views: Views, corners: Corners) -> Fit:
 def _refined(views: Views, corners: Corners, state: Floats) -> Fit:
     """The motion near a (5,) state that explains the corners."""
     px, mean = corners.per_column, views.expected(float(state[State.YAW]))
-    fit = ascend(corners.problem(state, mean), Start.unknown(state[None]), FIRST_PX * px)
-    return ascend(corners.problem(fit.states[0], mean), fit, NEXT_PX * px)  # linear about the last state
+    fit = ascend(corners.problem(state, mean), Start.unknown(state[None]), narrowing(px))
+    return ascend(corners.problem(fit.states[0], mean), fit, narrowing(px, goes_on=True))  # linear about the last state
 
 
 def _inliers(views: Views, corners: Corners, motion: Fit) -> Flags:
@@ -257,12 +257,11 @@ def _sharpened(views: Views, pairs: Indices, rough: Fit, mean: Floats, yaw_sigma
     if len(corners.at) < FEWEST:
         return Match.none()
     px = corners.per_column
-    trials = ascend(
-        corners.problem(rough.states[rough.best], mean, yaw_sigma), Start.unknown(rough.states), FIRST_PX * px
-    )
+    start = Start.unknown(rough.states)
+    trials = ascend(corners.problem(rough.states[rough.best], mean, yaw_sigma), start, narrowing(px))
     start = trials.only(trials.best)
     for _ in range(2):  # linear about the last state; what was expected has chosen, and says no more
-        start = fit = ascend(corners.problem(start.states[0], mean), start, NEXT_PX * px)
+        start = fit = ascend(corners.problem(start.states[0], mean), start, narrowing(px, goes_on=True))
     fit.ambiguity = ambiguity(trials.states[:, State.YAW], trials.log_posterior - fit.log_posterior[0], fit)
     yaw, tilt_x, tilt_y = fit.states[0, ROTATION].tolist()
     strip = views.before.picture.strip

@@ -7,20 +7,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from compass.agreement import DISAGREE
+from compass.agreement import AGREE, DISAGREE
 from compass.features.bearings import Index
 from compass.features.points import PER_SECTOR, SECTORS, Floats
-from compass.features.solver import TINY, Fit, Problem, Start, State, ascend, even_shares
+from compass.features.solver import Fit, Problem, Start, State, ascend, even_shares
+from compass.flow.correlation import TINY
 
 DIRECTIONS = 6  # of travel that are tried where none is known: a basin of attraction is wider than 60 deg
-# Of the corners must be inliers for a motion to be taken without trying others, a turn without travel, too. With 0.8,
-# 0.9 and 0.95 increments of six tuned drives err by 0.0055, 0.0048 and 0.0048 deg RMS, in 2.3, 2.7 and 2.9 ms.
-AGREE = 0.9
-# Deviations added to the noise from round to round, columns, each a quarter of the one before; the last rounds are
-# without. A first start lies two columns off, one from the image before a part of one. With 5 instead of 2 tracks of a
-# corridor that turns go astray.
-FIRST_PX = np.array([2.0, 0.5, 0.125, 0.03125, 0.0, 0.0])
-NEXT_PX = FIRST_PX[2:]
+# By so many columns is a motion off of which nothing is known yet: with 5 tracks of a corridor that turns go astray.
+FIRST_PX = 2.0
 
 
 @dataclass(slots=True, eq=False)
@@ -58,7 +53,7 @@ class Motion:
     def _continued(self, problem: Problem) -> Fit:
         """From the state of the image before."""
         start = Start(problem.start[None], self.start.shares, self.start.noise)
-        return ascend(problem, start, NEXT_PX * problem.per_column)
+        return ascend(problem, start, narrowing(problem.per_column, goes_on=True))
 
     def _noise_rose(self, fit: Fit) -> bool:
         """Whether corners err by more than a while ago, beyond what so many of them tell: another motion may fit.
@@ -71,10 +66,9 @@ class Motion:
     def _anew(self, problem: Problem, continued: Fit | None) -> Fit:
         """A turn alone, if that explains everything; else the best of all directions of travel."""
         per_column = problem.per_column
-        extra = FIRST_PX * per_column
         start = Start(problem.start[None], even_shares(pushed=False), np.ones(1))
         goes_on = continued is None and not self.is_unknown
-        turned = ascend(problem, start, (NEXT_PX if goes_on else FIRST_PX) * per_column, pushed=False)
+        turned = ascend(problem, start, narrowing(per_column, goes_on), pushed=False)
         # those of a sector err together, as one; a drive's first image has 16
         stands_out = parallax_score(turned, problem) ** 2 > PER_SECTOR * DISAGREE**2
         self.travels = turned.inlier.mean() < AGREE or stands_out
@@ -84,13 +78,22 @@ class Motion:
         states[:, State.DIRECTION] += np.arange(DIRECTIONS) * math.tau / DIRECTIONS
         states[:, State.CLIMB] = 0.0
         starts = Start(states, np.repeat(even_shares(), DIRECTIONS, axis=0), np.repeat(turned.noise, DIRECTIONS))
-        trials = ascend(problem, starts, extra)
-        fit = ascend(problem, trials.only(trials.best), NEXT_PX * per_column)
+        trials = ascend(problem, starts, narrowing(per_column))
+        fit = ascend(problem, trials.only(trials.best), narrowing(per_column, goes_on=True))
         if continued is not None and continued.log_posterior[0] > fit.log_posterior[0]:
             fit = continued
         fit.ambiguity = ambiguity(trials.states[:, State.YAW], trials.log_posterior - fit.log_posterior[0], fit)
         self.travels = bool(fit.log_posterior[0] > turned.log_posterior[0])
         return fit if self.travels else turned
+
+
+def narrowing(per_column: float, goes_on: bool = False) -> Floats:
+    """(rounds,) deviations added to the noise in each round of an ascent, rad; each a quarter of the one before.
+
+    The last two rounds are without. One that goes on from a motion which is about known needs no wide ones.
+    """
+    extra = FIRST_PX * per_column * np.array([1.0, 1 / 4, 1 / 16, 1 / 64, 0.0, 0.0])
+    return extra[2:] if goes_on else extra
 
 
 def ambiguity(yaw: Floats, log_odds: Floats, fit: Fit) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import cached_property
 
 import cv2
@@ -13,27 +14,46 @@ from compass.images.strip import Pixels, Strip
 
 Grey = npt.NDArray[np.uint8]
 
-# Pixels from the middle of a corner's patch to its edge; with 4 and 7 held-out drives' increments err by 1.07 and 1.03
-# times as much, their raw yaw by 1.1 and 1.9 (docs/lab-notes/constants-2026-11-30.md).
-HALF = 5
-MIN_CONTRAST = 1e-3  # grey values of 255; keeps finite what has no gradient, and at its start
 MARGIN = 64  # columns of the other end on either side: a patch and the longest way of one fit
-MIDDLE = 0.5 * 255.0  # of every picture's grey values
-CONTRAST = MIDDLE / DISAGREE  # and their deviation, so that few of them leave 0..255
 # across neighbours, a deviation of 0.6 pixels: interpolation between sharp pixels pulls tracks to whole columns
 SOFT = cv2.getGaussianKernel(3, 0.6, cv2.CV_32F)
 
 
-def patch_grid(half: int) -> tuple[Pixels, Pixels, Pixels]:
-    """Columns and rows of a patch's pixels from its middle, and their Gaussian weights, which sum to one; (n,) each.
+@dataclass(frozen=True, slots=True, eq=False)
+class Window:
+    """Pixels round a point that are compared together.
 
-    `half` is how many pixels there are from the middle to the edge; the weights' deviation is 0.6 of that: with
-    0.4, 0.9 and even ones increments err by 1.08, 0.99 and 0.95 to 1.02 (docs/lab-notes/walk-2026-11-30.md).
+    Attributes
+    ----------
+    half, side : int
+        Pixels from the middle to the edge, and from edge to edge.
+    across, down : (n,) arrays
+        Columns and rows of the pixels from the middle.
+    weights : (n,) array
+        Gaussian, their sum is one.
     """
-    down, across = np.mgrid[-half : half + 1, -half : half + 1].reshape(2, -1).astype(np.float32)
-    weights: Pixels = np.exp(-(across**2 + down**2) / (2.0 * (0.6 * half) ** 2))
-    weights /= weights.sum()
-    return across, down, weights
+
+    half: int
+    side: int
+    across: Pixels
+    down: Pixels
+    weights: Pixels
+
+    @staticmethod
+    def of(half: int) -> Window:
+        """So many pixels from the middle to the edge.
+
+        The weights' deviation is 0.6 of that: with 0.4, 0.9 and even ones increments err by 1.08, 0.99 and 0.95 to 1.02
+        (docs/lab-notes/walk-2026-11-30.md).
+        """
+        down, across = np.mgrid[-half : half + 1, -half : half + 1].reshape(2, -1).astype(np.float32)
+        weights: Pixels = np.exp(-(across**2 + down**2) / (2.0 * (0.6 * half) ** 2))
+        return Window(half, 2 * half + 1, across, down, weights / weights.sum())
+
+
+# Of a corner; with 4 and 7 pixels from the middle to the edge held-out drives' increments err by 1.07 and 1.03 times as
+# much, their raw yaw by 1.1 and 1.9 (docs/lab-notes/constants-2026-11-30.md).
+WINDOW = Window.of(5)
 
 
 class Picture:
@@ -47,18 +67,18 @@ class Picture:
     Attributes
     ----------
     soft : (rows, columns + 2 * MARGIN) float32 array
-        Grey values of mean `MIDDLE` and deviation `CONTRAST`, whatever the exposure was.
+        Grey values of one mean and deviation, whatever the exposure was: the middle of 0..255, which few of them leave.
     """
 
     def __init__(self, strip: Strip) -> None:
         self.strip = strip
-        means = np.asarray(strip.means, np.float32)
+        middle, means = 0.5 * 255.0, np.asarray(strip.means, np.float32)
         share = 1.0 if strip.seen is None else max(strip.seen.share, 1e-3)
-        gain = CONTRAST / max(float(np.sqrt(strip.contrast**2 / share + means.var())), 1.0)
+        gain = middle / DISAGREE / max(float(np.sqrt(strip.contrast**2 / share + means.var())), 1.0)
         grey = np.empty((len(strip.pixels), strip.columns + 2 * MARGIN), np.float32)
         np.add(strip.pixels, means, out=grey[:, MARGIN:-MARGIN])
         grey[:, :MARGIN], grey[:, -MARGIN:] = grey[:, -2 * MARGIN : -MARGIN], grey[:, MARGIN : 2 * MARGIN]
-        offset = MIDDLE - gain * float(means.mean())
+        offset = middle - gain * float(means.mean())
         self.soft: Pixels = np.asarray(cv2.sepFilter2D(grey, -1, gain * SOFT, SOFT, grey, delta=offset), np.float32)
 
     @cached_property
@@ -81,4 +101,4 @@ class Picture:
         """(rows, columns) where the patch about a pixel shows nothing but the world; None: everywhere."""
         if self.strip.seen is None:
             return None
-        return self.strip.seen.clear_of(HALF + 3)  # and of the blur and the interpolation
+        return self.strip.seen.clear_of(WINDOW.half + 3)  # and of the blur and the interpolation

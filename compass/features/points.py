@@ -11,7 +11,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from compass.features.padded_strip import HALF, MARGIN, MIN_CONTRAST, Picture, patch_grid
+from compass.features.padded_strip import MARGIN, WINDOW, Picture
+from compass.flow.correlation import TINY
 from compass.images.strip import Pixels
 
 Floats = npt.NDArray[np.floating]
@@ -22,12 +23,6 @@ SECTORS, PER_SECTOR = 32, 6
 # Smaller eigenvalue of a corner, of that of the strongest: without, increments err by 1.15 times as much
 # (docs/lab-notes/constants-2026-11-29.md).
 WEAKEST = 3e-3
-SIDE = 2 * HALF + 1
-ACROSS, DOWN, WINDOW = patch_grid(HALF)
-# Weights of six neighbours in a row at a part p of the way from the third to the fourth, by 1, p, p^2 and p^3.
-KEYS = np.array(
-    [[0, 0, 12, 0, 0, 0], [1, -8, 0, 8, -1, 0], [-2, 15, -28, 20, -6, 1], [1, -7, 16, -16, 7, -1]], np.float32
-) / np.float32(12.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -66,12 +61,15 @@ def find_corners(picture: Picture) -> Pixels:
     They are sought at half the size, which costs a quarter: where exactly a patch is cut does not matter.
     """
     half = cv2.resize(picture.soft, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
-    strength = cv2.cornerMinEigenVal(half, HALF, ksize=3)
+    strength = cv2.cornerMinEigenVal(half, WINDOW.half, ksize=3)
     peak = strength >= cv2.dilate(strength, np.ones((3, 3), np.uint8))
     row, column = np.nonzero(peak)
     at = np.stack([2.0 * column - MARGIN, 2.0 * row], axis=1).astype(np.float32)
     inside = (
-        (at[:, 0] >= 0.0) & (at[:, 0] < picture.columns) & (at[:, 1] > HALF + 2) & (at[:, 1] < picture.rows - HALF - 4)
+        (at[:, 0] >= 0.0)
+        & (at[:, 0] < picture.columns)
+        & (at[:, 1] > WINDOW.half + 2)
+        & (at[:, 1] < picture.rows - WINDOW.half - 4)
     )
     if picture.clear is not None:
         inside &= picture.clear[row.astype(np.intp) * 2, (at[:, 0].astype(np.intp)) % picture.columns]
@@ -95,17 +93,17 @@ def sectors_of(at: Pixels, columns: int) -> npt.NDArray[np.intp]:
 def cut_patches(picture: Picture, at: Pixels) -> Patches:
     """What surrounds corners at (n, 2) columns and rows of the strip."""
     around = _windows(picture.soft, at.astype(np.intp), 1)
-    values, contrast = levelled(around[:, 1:-1, 1:-1].reshape(len(at), SIDE * SIDE))
+    values, contrast = levelled(around[:, 1:-1, 1:-1].reshape(len(at), WINDOW.side * WINDOW.side))
     right, down = around[:, 1:-1, 2:] - around[:, 1:-1, :-2], around[:, 2:, 1:-1] - around[:, :-2, 1:-1]
-    right, down = (0.5 * one.reshape(len(at), SIDE * SIDE) for one in (right, down))
+    right, down = (0.5 * one.reshape(len(at), WINDOW.side * WINDOW.side) for one in (right, down))
     slopes = np.stack([right, down], axis=1)
-    growing = right * ACROSS + down * DOWN
+    growing = right * WINDOW.across + down * WINDOW.down
     # a change of brightness or contrast is no shift: both are taken out of the slopes
-    slopes -= (slopes @ WINDOW)[..., None]
-    like = (slopes @ (values * WINDOW)[..., None])[..., 0] / (contrast**2)[:, None]
+    slopes -= (slopes @ WINDOW.weights)[..., None]
+    like = (slopes @ (values * WINDOW.weights)[..., None])[..., 0] / (contrast**2)[:, None]
     slopes -= like[..., None] * values[:, None]
-    weighed = slopes * WINDOW
-    information = weighed @ slopes.transpose(0, 2, 1) + np.float32(MIN_CONTRAST) * np.eye(2, dtype=np.float32)
+    weighed = slopes * WINDOW.weights
+    information = weighed @ slopes.transpose(0, 2, 1) + np.float32(TINY) * np.eye(2, dtype=np.float32)
     inverse = np.asarray(np.linalg.inv(information), np.float32)
     answer = inverse @ weighed
     centre = (answer @ growing[..., None])[..., 0]
@@ -121,29 +119,31 @@ def sample(pixels: Pixels, at: Pixels) -> Pixels:
     whole = np.floor(at).astype(np.intp)
     across, down = _interpolations(at - whole)
     patches: Pixels = down @ _windows(pixels, whole, 2, 3) @ across.transpose(0, 2, 1)
-    return patches.reshape(len(at), SIDE * SIDE)
+    return patches.reshape(len(at), WINDOW.side * WINDOW.side)
 
 
 def _windows(pixels: Pixels, whole: npt.NDArray[np.intp], before: int, after: int | None = None) -> Pixels:
     """(n, rows, columns) patches about (n, 2) whole columns and rows, and so many pixels more on their sides."""
-    side = SIDE + before + (before if after is None else after)
+    side = WINDOW.side + before + (before if after is None else after)
     rows, columns = (size - side + 1 for size in pixels.shape)
     windows = np.lib.stride_tricks.as_strided(pixels, (rows, columns, side, side), 2 * pixels.strides)
-    row = np.minimum(np.maximum(whole[:, 1] - HALF - before, 0), rows - 1)
-    return np.asarray(windows[row, whole[:, 0] - HALF - before + MARGIN])
+    row = np.minimum(np.maximum(whole[:, 1] - WINDOW.half - before, 0), rows - 1)
+    return np.asarray(windows[row, whole[:, 0] - WINDOW.half - before + MARGIN])
 
 
 def _interpolations(part: Pixels) -> Pixels:
-    """(2, n, SIDE, SIDE + 5) matrices that interpolate a row, or a column, at (n, 2) parts of a pixel."""
+    """(2, n, WINDOW.side, WINDOW.side + 5) matrices that interpolate a row, or a column, at (n, 2) parts of a pixel."""
+    # weights, times 12, of six neighbours at a part p of the way from the third to the fourth: by 1, p, p^2, p^3
+    keys = [[0, 0, 12, 0, 0, 0], [1, -8, 0, 8, -1, 0], [-2, 15, -28, 20, -6, 1], [1, -7, 16, -16, 7, -1]]
     powers = np.stack([np.ones_like(part), part, part * part, part * part * part], axis=-1)
-    banded = np.zeros((2, len(part), SIDE, SIDE + 5), np.float32)
+    banded = np.zeros((2, len(part), WINDOW.side, WINDOW.side + 5), np.float32)
     *outer, row, column = banded.strides
-    bands = np.lib.stride_tricks.as_strided(banded, (2, len(part), SIDE, 6), (*outer, row + column, column))
-    bands[:] = (powers @ KEYS).transpose(1, 0, 2)[:, :, None]
+    bands = np.lib.stride_tricks.as_strided(banded, (2, len(part), WINDOW.side, 6), (*outer, row + column, column))
+    bands[:] = (powers @ (np.array(keys, np.float32) / np.float32(12.0))).transpose(1, 0, 2)[:, :, None]
     return banded
 
 
 def levelled(patches: Pixels) -> tuple[Pixels, Pixels]:
     """Patches without their weighted means, and (n,) their weighted root mean squares."""
-    patches = patches - (patches @ WINDOW)[:, None]
-    return patches, np.maximum(np.sqrt((patches * patches) @ WINDOW), np.float32(1e-3))
+    patches = patches - (patches @ WINDOW.weights)[:, None]
+    return patches, np.maximum(np.sqrt((patches * patches) @ WINDOW.weights), np.float32(TINY))

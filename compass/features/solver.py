@@ -17,8 +17,9 @@ import numpy as np
 
 from compass.features.bearings import Complexes, Tangents, undo
 from compass.features.density import exponentially_modified
-from compass.features.padded_strip import HALF
-from compass.features.points import SIDE, Floats
+from compass.features.padded_strip import WINDOW
+from compass.features.points import Floats
+from compass.flow.correlation import TINY
 
 
 class State(IntEnum):
@@ -36,7 +37,6 @@ FREEDOM = 3.0  # degrees of freedom of the t: 2 to 5 differ by a tenth in the ya
 # Of the parallaxes, columns: from what noise hides to a keyframe's end. Halved, held-out drives err as much, and
 # their raw yaw by 1.05; doubled, tuned ones by 1.14 and 1.18 (docs/lab-notes/constants-, walk-2026-11-30.md).
 MEANS_PX = np.array([0.3, 2.0, 12.0])
-TINY = 1e-6  # columns, rad^-2; of what has no error or no precision, for there is no division by zero
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -192,7 +192,7 @@ def ascend(problem: Problem, start: Start, extra: Floats, pushed: bool = True) -
     """
     states, shares, noise = start.states, start.shares, start.noise
     # outliers lie evenly over what a search finds: a patch at half the size, to either side
-    uniform = 2.0 * math.pi / (2.0 * 2.0 * SIDE * problem.scale) ** 2
+    uniform = 2.0 * math.pi / (2.0 * 2.0 * WINDOW.side * problem.scale) ** 2
     least_precision = np.diag(problem.prior_precision + TINY)
     longest = (problem.prior_precision + TINY) ** -0.5
     parts = np.empty((shares.shape[1], len(states), problem.moved.size))  # of the mixture: how likely, of each corner
@@ -258,7 +258,7 @@ def ascend(problem: Problem, start: Start, extra: Floats, pushed: bool = True) -
 
 
 def condition(precision: Floats) -> None:
-    """Make (k, 5, 5) precisions invertible where one exact corner is all there is, in place; by a part in 10^12."""
+    """Make (k, 5, 5) precisions invertible where one exact corner is all there is, in place; by a part in 10^6."""
     precision *= 1.0 + TINY**2 * np.eye(5)
 
 
@@ -275,7 +275,7 @@ class _Lines:
         seen = vectors.astype(np.complex128) @ problem.tangents.axes
         self._travel, self._changes = seen[:, 0], seen[:, 1:]
         # whose patch shows where the camera travels to or comes from has no line
-        self.length = np.maximum(np.abs(self._travel), HALF * problem.per_column)
+        self.length = np.maximum(np.abs(self._travel), WINDOW.half * problem.per_column)
         self._back = -self._travel.conj() / self.length  # turns what lies away from the travel to the real axis
 
     def split(self, problem: Problem, states: Floats) -> None:

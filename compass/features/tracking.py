@@ -14,21 +14,17 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from compass.agreement import ALIKE
-from compass.features.padded_strip import HALF, MARGIN, Picture
-from compass.features.points import SIDE, WINDOW, Patches, levelled, sample
+from compass.agreement import AGREE, ALIKE
+from compass.features.padded_strip import MARGIN, WINDOW, Picture
+from compass.features.points import Patches, levelled, sample
 from compass.flow.correlation import FLOOR_PX
 from compass.images.strip import Pixels
 
 Index = npt.NDArray[np.intp]
 
 LONGEST_CORRECTION_PX = 1.0  # pixels by which it may move a track in all
-# Of the corners, or they are sought with more levels of the pyramid: with a half a walk at 2 Hz ends 1.9 deg off
-# instead of 1.1 (docs/lab-notes/constants-2026-11-29.md); with 0.9 held-out drives err as much, and
-# an update takes a twentieth more (docs/lab-notes/constants-2026-11-30.md).
-ENOUGH = 0.7
-# OpenCV's default is 30 rounds to 0.01 pixels; with that increments err by 1.13 times as much
-# (docs/lab-notes/constants-2026-11-29.md).
+# OpenCV's default is 30 rounds to 0.01 pixels; with that increments err by 1.13 times as much, with 30 to 0.03 by 1.05,
+# to 0.15 by 1.07 (docs/lab-notes/constants-2026-11-29.md, constants-2026-11-30.md).
 STOP = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 10, 0.03)
 
 
@@ -76,7 +72,7 @@ def track(before: Picture, patches: Patches, now: Picture, guess: Pixels, levels
         Of the pyramid above the picture itself: 0 where they are expected to a pixel or two.
     """
     tracks = _tracked(before, patches, now, guess, levels)
-    if tracks.index.size < ENOUGH * len(patches):
+    if tracks.index.size < AGREE * len(patches):
         farther = _tracked(before, patches, now, guess)
         tracks = farther if farther.index.size > tracks.index.size else tracks
     return tracks
@@ -92,13 +88,13 @@ def _tracked(before: Picture, patches: Patches, now: Picture, guess: Pixels, lev
         now.bytes,
         patches.at + np.array([MARGIN, 0.0], np.float32),
         start.copy(),
-        winSize=(SIDE, SIDE),
+        winSize=(WINDOW.side, WINDOW.side),
         flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
         criteria=STOP,
         **depth,
     )
     # a patch, what its interpolation needs round it, and what the finer alignment adds lie within the picture
-    edge = np.array([SIDE + LONGEST_CORRECTION_PX, HALF], np.float32)
+    edge = np.array([WINDOW.side + LONGEST_CORRECTION_PX, WINDOW.half], np.float32)
     whole = ((rough >= edge) & (rough < np.array(now.soft.shape[::-1], np.float32) - edge)).all(axis=1)
     index = np.flatnonzero(found[:, 0].astype(bool) & whole)
     rough = np.asarray(rough[index], np.float32) - np.array([MARGIN, 0.0], np.float32)
@@ -109,7 +105,7 @@ def _tracked(before: Picture, patches: Patches, now: Picture, guess: Pixels, lev
         finer, left[again] = _aligned(patches, index[again], now, at[again])
         at[again] = np.clip(finer, rough[again] - LONGEST_CORRECTION_PX, rough[again] + LONGEST_CORRECTION_PX)
     likeness = np.sqrt(np.maximum(1.0 - left / patches.contrast[index] ** 2, 0.0))
-    of_mean = np.float32(WINDOW @ WINDOW)  # variance of a weighted mean of pixels, of that of one
+    of_mean = np.float32(WINDOW.weights @ WINDOW.weights)  # variance of a weighted mean of pixels, of that of one
     return Tracks(index, at, left * of_mean, likeness, now.columns).some(likeness > ALIKE)
 
 
@@ -117,7 +113,7 @@ def _aligned(patches: Patches, index: Index, now: Picture, at: Pixels) -> tuple[
     """Where some patches are, seen to be about `at`; and the mean square that is then left of their difference."""
     seen, bright = levelled(sample(now.soft, at))
     contrast, values = patches.contrast[index], patches.values[index]
-    likeness = (seen * values) @ WINDOW / (contrast * bright)
+    likeness = (seen * values) @ WINDOW.weights / (contrast * bright)
     seen *= (contrast / bright)[:, None]
     seen -= values
     step = (patches.answer[index] @ seen[..., None])[..., 0]

@@ -20,6 +20,9 @@ Floats = npt.NDArray[np.floating]
 # photographs that all move by the same part of a column err by 0.012 together; halved and doubled in
 # docs/lab-notes/constants-2026-11-29.md.
 FLOOR_PX = 0.015
+# What is nothing beside anything, and keeps finite what has no contrast, no error or no precision: grey values of 255,
+# columns, rad^-2, or a share.
+TINY = 1e-3
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from compass.flow.correlation import FLOOR_PX, Peak, continuous_peak, pooled_spectrum
+from compass.flow.correlation import FLOOR_PX, TINY, Peak, continuous_peak, pooled_spectrum
 from compass.images.strip import Spectrum, Strip
 
-NEGLIGIBLE_BAND = 1e-3  # of all information: a band with less has no shift of its own
 # Edges of the bands of spatial frequency that are asked for a shift of their own, waves per column: octaves, and from
 # 1/8 on, where most of a photograph's information lies, steps of 1/16.
 BANDS = np.array([1 / 1024, 1 / 32, 1 / 16, 1 / 8, 3 / 16, 1 / 4, 5 / 16, 3 / 8, 1 / 2])
@@ -46,7 +45,7 @@ def _bands_apart(spectrum: Spectrum, columns: int, peak: Peak, bound: float) -> 
     wave = spectrum * np.exp(1j * omega * peak.shift_px) * (2.0 / columns)
     slope = np.add.reduceat(omega * wave.imag, edges)[:-1]  # of the band's correlation, where all of them are best
     bend = np.add.reduceat(omega**2 * wave.real, edges)[:-1]
-    informative = bend > NEGLIGIBLE_BAND * bend.sum()
+    informative = bend > TINY * bend.sum()  # a band with less has no shift of its own
     if not informative.any():  # an image of a few columns has no bands
         return 0.0
     between = float((slope[informative] ** 2 / bend[informative]).sum() / bend[informative].sum())

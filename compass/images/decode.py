@@ -10,17 +10,15 @@ import numpy as np
 import numpy.typing as npt
 
 from compass.errors import ImageError
-from compass.images.codecs import codec_of
+from compass.images.codecs import Begins, codec_of
 from compass.images.encodings import ENCODINGS, Encoding
-from compass.images.jpeg import BEGIN, JpegHeader, upper_rows
+from compass.images.jpeg import JpegHeader, upper_rows
 
 Image = npt.NDArray[Any]
 
 # A still of today's 360-degree cameras has up to 72 megapixels (11968 x 5984), and a decoder takes several bytes for
 # each: what says to be larger is a fault or a trap (1 MB of PNG may hold a gigapixel), and is not decoded.
 MOST_PIXELS = 100_000_000
-_PNG = b"\x89PNG\r\n\x1a\n"
-_BLOCK = 16  # pixels; the largest that a JPEG codes as one
 
 
 def image_from_compressed(data: Any, columns: int = 0, named: str = "", bottom: float = 1.0) -> Image:
@@ -48,7 +46,7 @@ def image_from_compressed(data: Any, columns: int = 0, named: str = "", bottom: 
     """
     buffer = np.frombuffer(data, np.uint8)
     jpeg, (width, height) = None, (0, 0)
-    if buffer[:2].tobytes() == BEGIN:
+    if buffer[:2].tobytes() == Begins.JPEG:
         jpeg = JpegHeader.of(buffer)
         width, height = jpeg.width, jpeg.height
     else:
@@ -81,13 +79,14 @@ def image_from_compressed(data: Any, columns: int = 0, named: str = "", bottom: 
 
 def _rows(height: int, share: float) -> int:
     """Rows of a JPEG that hold this share of its height at any size: whole blocks, and one more."""
-    return (math.ceil(share * height / _BLOCK) + 1) * _BLOCK
+    block = 16  # pixels; the largest that a JPEG codes as one
+    return (math.ceil(share * height / block) + 1) * block
 
 
 def _png_size(buffer: npt.NDArray[np.uint8], named: str) -> tuple[int, int]:
     """Width and height from the header of a PNG; `ImageError` where it is none."""
     begin = buffer[:32].tobytes()
-    if not begin.startswith(_PNG):
+    if not begin.startswith(Begins.PNG):
         raise ImageError(_no_picture(buffer, begin, named))
     return int.from_bytes(begin[16:20], "big"), int.from_bytes(begin[20:24], "big")
 
@@ -96,7 +95,7 @@ def _no_picture(buffer: npt.NDArray[np.uint8], begin: bytes, named: str) -> str:
     """What the bytes are, where they are neither JPEG nor PNG, and what to do."""
     said = f" (format {named!r})" if named else ""
     what = f"compressed image of {buffer.size} bytes{said}"
-    if begin[12:20] == _PNG or "compresseddepth" in named.lower():
+    if begin[12:20] == Begins.PNG or "compresseddepth" in named.lower():
         return f"{what} is a compressedDepth image, distances and no picture; choose the camera's other topic"
     if codec_of(named, begin):
         return f"{what} is a piece of a video; record JPEG, or let image_transport republish it as raw or compressed"

@@ -26,22 +26,18 @@ from compass.images.unwrap import BORDER_PX
 
 EVERY = 5  # images from one that is looked at to the next, ten times as many after the first verdict
 VIEWS = 8  # different ones: as many tosses of a coin agree by chance in one case of 2^8, about three deviations
-# Of the step between columns far apart: a column that changed by so much shows something else. With 0.39 of 31 drives
-# and photographs 22 have a verdict in 160 images, with 0.5 18, with 0.2 all.
-NEW_VIEW = 0.2
 DARK = 16.0  # grey values of 255: black of video (ITU-R BT.601), as corners are that two round pictures leave
 # Halfway from what neighbours have to what any columns have. Medians over views of six photographs cut anywhere, two
 # real videos, a simulated corridor / the same photographs and a video of which half a circle, or nine tenths, are left:
 # step across the seam at most 0.09, and 0.25 for an imperfect seam / 0.78 to 1.2, and 0.55 to 1.0; correlation of the
 # halves at most 0.22 / 0.64 to 0.94 where the circle is shown twice.
 HALFWAY = 0.5
-# Likeness of what crosses the seam, than which three of four views have less: at least 1.00, in eight simulated drives,
-# too / at most 0.84 in 17 of 20 of halves, 13 of 15 of three quarters, 13 of 14 of nine tenths, 11 of 14 of 350 deg.
-# What stays in the picture must itself be so alike: with 0.5 a full circle in fog came to 0.86.
-CROSSES = 0.85
-# Likeness of what crosses a blank part, than which three of four views have more, halfway between at least 0.99 of six
-# photographs and two simulated drives beside bars, and at most 0.83 where part of a full circle is dark.
-CLOSES = 0.91
+# Likeness from which on what crosses a seam is the same on both sides. Of what crosses the picture's ends three of four
+# views have less, and of what crosses a blank part more. Drives, photographs and a video, 37 in all, across their ends:
+# at least 0.98 of a full circle and 0.92 of one with a black border; at most 0.85 in 18 of 19 of halves, all of nine
+# tenths, 13 of 16 of 350 deg. Across a blank part: at least 0.95 in 15 of 16 circles beside a bar, at most 0.84 in 11
+# of 12 with a dark part.
+JOINS = 0.9
 TURN_FACTOR_SIGMA = 0.5  # of the turns it shows: of half a circle half is true, two of them show half of it
 
 
@@ -88,7 +84,7 @@ class CircleVerdict:
     @property
     def has_bars(self) -> bool:
         """Whether the circle lies beside something blank: what is shown joins across it."""
-        return self.closing >= CLOSES
+        return self.closing >= JOINS
 
     @property
     def fault(self) -> str:
@@ -105,7 +101,7 @@ class CircleVerdict:
             return f"two pictures lie side by side that do not join in the middle ({self._step(self.middle)})"
         if self.seam > HALFWAY:
             return f"their left and right ends do not join ({self._step(self.seam)})"
-        if self.crossing < CROSSES:
+        if self.crossing < JOINS:
             return (
                 "what leaves at one end does not come in at the other, so that their ends do not join"
                 f" (a likeness of {self.crossing:.2f}; 1: as of what stays in the picture)"
@@ -124,7 +120,7 @@ class CircleCheck:
         self._since_ns = 0
         self._last: Pixels | None = None  # view
         self._last_strip: Strip | None = None
-        self._far = 0.0  # step between columns far apart in it
+        self._near = self._far = 0.0  # steps between its columns: neighbours, and far apart
         self._views = 0
         self._looked = 0
         self._discs = 0
@@ -155,7 +151,7 @@ class CircleCheck:
             self._since_ns = strip.t_ns
         else:
             self._views += 1
-            changed = _difference(pixels, self._last) > NEW_VIEW * self._far
+            changed = _difference(pixels, self._last) > self._near
             self._judge_steps(pixels, changed)
             self._crossing.extend(_likeness_of_crossing(self._last_strip, strip, changed))
             self._twice.append(_likeness_of_halves(strip))
@@ -167,12 +163,15 @@ class CircleCheck:
         self._last, self._last_strip, self._blank, self._verdict = pixels, strip, blank, None
         shown = pixels if blank is None else pixels[:, ~blank]
         if shown.size:
-            self._far = float(_steps(shown, shown.shape[1] // 4).mean())
+            self._near, self._far = (float(_steps(shown, apart).mean()) for apart in (1, shown.shape[1] // 4))
 
     def _is_new(self, pixels: Pixels, last: Pixels) -> bool:
-        """Whether half of what the columns show, those that never show anything left out, has changed."""
+        """Whether half of what the columns show, those that never show anything left out, has changed.
+
+        A column has changed that differs by more than neighbours do, in which the camera's noise is the same.
+        """
         some = slice(None, None, 4)
-        changed = np.abs(pixels[:, some] - last[:, some]).mean(axis=0) > NEW_VIEW * self._far
+        changed = np.abs(pixels[:, some] - last[:, some]).mean(axis=0) > self._near
         shown = changed.size if self._blank is None else np.count_nonzero(~self._blank[some])
         return bool(0 < shown <= 2 * np.count_nonzero(changed))
 
@@ -242,7 +241,7 @@ def _likeness_of_crossing(before: Strip, now: Strip, changed: npt.NDArray[np.boo
         both = world * np.roll(world, shift, axis=1)
         was, is_now = was * both, is_now * both
     across, within = (_correlation(was[:, part], is_now[:, part]) for part in (crossed & shows, ~crossed & shows))
-    return [across / within] if within > CROSSES else []
+    return [across / within] if within > JOINS else []
 
 
 def _shown_in_one_piece(blank: npt.NDArray[np.bool_]) -> npt.NDArray[np.intp]:

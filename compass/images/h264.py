@@ -9,8 +9,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-HIGH = (100, 110, 122, 244, 44, 83, 86, 118, 128)  # profiles whose parameter sets tell more: H.264, 7.3.2.1.1
-
 
 @dataclass(frozen=True, slots=True)
 class Units:
@@ -77,7 +75,7 @@ def _frame_num_bits(unit: bytes) -> int:
     """Length of `frame_num`, from a sequence parameter set."""
     bits = _Bits(unit[4:])
     bits.ue()  # seq_parameter_set_id
-    if unit[1] in HIGH:
+    if unit[1] in (100, 110, 122, 244, 44, 83, 86, 118, 128):  # profiles that tell more: H.264, 7.3.2.1.1
         chroma = bits.ue()
         if chroma == 3:
             bits.u(1)

@@ -10,14 +10,13 @@ import numpy.typing as npt
 
 Bytes = npt.NDArray[np.uint8]
 
-BEGIN, END = b"\xff\xd8", b"\xff\xd9"
-
 
 class Marker(IntEnum):
     """Of T.81, table B.1, what follows 0xff; and of Exif, CIPA DC-008."""
 
     BASELINE = 0xC0
     EXTENDED_SEQUENTIAL = 0xC1
+    END = 0xD9
     SCAN = 0xDA
     RESTART_INTERVAL = 0xDD
     EXIF = 0xE1
@@ -74,7 +73,7 @@ def upper_rows(data: Bytes, header: JpegHeader, rows: int) -> Bytes | None:
     It says that it is so high, and libjpeg decodes no further. Without the end marker it does not look for what is
     missing either.
     """
-    if not (header.is_plain and 0 < rows < header.height and data[-2:].tobytes() == END):
+    if not (header.is_plain and 0 < rows < header.height and data[-2:].tobytes() == bytes((0xFF, Marker.END))):
         return None
     cut = data[:-2].copy()
     cut[header.height_at : header.height_at + 2] = rows >> 8, rows & 0xFF

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import cv2
@@ -18,7 +18,7 @@ from compass.images.orientation import Orientation
 from compass.images.projection import projection_of
 from compass.images.seen import Seen
 from compass.images.unwrap import unwrapping
-from compass.mount import UNKNOWN, CameraMount
+from compass.mount import CameraMount
 from compass.tilt import Vector
 
 Pixels = npt.NDArray[np.float32]
@@ -65,7 +65,7 @@ class Strip:
     seen: Seen | None = None
     means: Pixels | float = 0.0
     up: Vector | None = None
-    mount: CameraMount = UNKNOWN
+    mount: CameraMount = field(default_factory=CameraMount)
 
     @property
     def columns(self) -> int:

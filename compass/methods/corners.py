@@ -10,11 +10,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from compass.agreement import DISAGREE
+from compass.agreement import AGREE, DISAGREE
 from compass.angles import wrap_angle
 from compass.features.bearings import Projection, Tangents, undo
-from compass.features.motion import AGREE, FIRST_PX, Motion, yaw_variance
-from compass.features.padded_strip import HALF, MARGIN, Picture
+from compass.features.motion import FIRST_PX, Motion, yaw_variance
+from compass.features.padded_strip import MARGIN, WINDOW, Picture
 from compass.features.points import Floats, Patches, cut_patches, find_corners, sectors_of
 from compass.features.prior import FEWEST, GAP, imu_tilt, precision_of, tilt_error
 from compass.features.solver import ROTATION, Fit, Problem, State
@@ -72,7 +72,9 @@ class CornerTracker:
 
     def __call__(self, reference: Strip, current: Strip, search: Search) -> Match:
         """How the current strip lies on the reference, see `compass.match.Match`."""
-        if reference.columns <= 2 * MARGIN or len(reference.pixels) < 4 * HALF:  # no room for patches and their ways
+        if (
+            reference.columns <= 2 * MARGIN or len(reference.pixels) < 4 * WINDOW.half
+        ):  # no room for patches and their ways
             return match_small(reference, current, search)
         projection = Projection.of(reference, search.forward_px)
         key = self._keyframe_of(reference, projection)
@@ -181,7 +183,7 @@ def _tracked(
     expected = key.last + np.stack([signed(rotated[:, 0], now.columns), rotated[:, 1]], axis=1)
     # who moves by less than a first guess may be off is expected to go on so, and needs no pyramid: RMS of 16 drives
     # with that rule, with a pyramid always, and never: 0.034, 0.031, 0.039 deg; it saves a tenth of an update
-    steady = not key.motion.is_unknown and quantile(np.maximum(*np.abs(key.pace).T), AGREE) < FIRST_PX[0]
+    steady = not key.motion.is_unknown and quantile(np.maximum(*np.abs(key.pace).T), AGREE) < FIRST_PX
     guess = expected + key.pace if steady else expected
     tracks = track(key.picture, key.patches, now, guess.astype(np.float32), 0 if steady else 1)
     if now.clear is not None:

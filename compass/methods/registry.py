@@ -28,11 +28,14 @@ class MethodEntry:
         `Match.spread_px` up to which a keyframe stays the reference, if the settings do not say, columns.
     long_baseline : bool
         Whether views some seconds back are compared too, by their corners (`long_baseline_interval`, `find_again`).
+    formerly : str
+        A name by which it may be found, too.
     """
 
     method: str | Method | type
     keyframe_spread: float = 3.0
     long_baseline: bool = False
+    formerly: str = ""
 
     def make(self) -> Method:
         """The method for one compass."""
@@ -42,12 +45,11 @@ class MethodEntry:
 
 
 OURS = {
-    "rows": MethodEntry("compass.methods.row_correlation:match_rows"),
-    "sectors": MethodEntry("compass.methods.sector_median:match_sectors"),
+    "rows": MethodEntry("compass.methods.row_correlation:match_rows", formerly="row_correlation"),
+    "sectors": MethodEntry("compass.methods.sector_median:match_sectors", formerly="sector_median"),
     # tracks of 8 columns are no worse than those of 3, and three keyframes' errors are one
-    "corners": MethodEntry("compass.methods.corners:CornerTracker", keyframe_spread=8.0, long_baseline=True),
+    "corners": MethodEntry("compass.methods.corners:CornerTracker", 8.0, long_baseline=True, formerly="parallax"),
 }
-ALIASES = {"row_correlation": "rows", "sector_median": "sectors", "parallax": "corners"}
 _own: dict[str, MethodEntry] = {}
 
 
@@ -71,7 +73,7 @@ def register_method(name: str, method: Method | type, *, keyframe_spread: float 
     """
     if not isinstance(name, str) or not name.isidentifier():
         raise ConfigError(f"method: {name!r} is no name; give one such as 'my_method'")
-    if name in OURS or name in ALIASES:
+    if _proper(name) in OURS:
         raise ConfigError(f"method: {name!r} is the name of one of the compass's own; give another")
     if not callable(method):
         raise ConfigError(f"method {name}: {type(method).__name__} cannot be called; give a function")
@@ -96,7 +98,7 @@ def find_method(name: str) -> tuple[str, MethodEntry]:
     ConfigError
         There is none of that name.
     """
-    name = ALIASES.get(name, name)
+    name = _proper(name)
     known = OURS | _own
     if name in known:
         return name, known[name]
@@ -106,6 +108,11 @@ def find_method(name: str) -> tuple[str, MethodEntry]:
     if not callable(found):
         raise ConfigError(f"method: {name} is {type(found).__name__}, and cannot be called; name a function")
     return name, MethodEntry(found)
+
+
+def _proper(name: str) -> str:
+    """The name of today of one of the compass's own methods; any other name as it is."""
+    return next((ours for ours, entry in OURS.items() if name == entry.formerly), name)
 
 
 def _imported(name: str) -> Method | type:

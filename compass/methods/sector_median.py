@@ -13,7 +13,7 @@ import scipy.fft
 from compass.agreement import DISAGREE
 from compass.features.points import SECTORS
 from compass.flow.coarse_shift import coarse_shift, quantile
-from compass.flow.correlation import FLOOR_PX, Floats, continuous_peak, pooled_spectrum, signed
+from compass.flow.correlation import FLOOR_PX, TINY, Floats, continuous_peak, pooled_spectrum, signed
 from compass.flow.pure_turn import pooled_turn, turn_variance
 from compass.images.strip import Pixels, Strip, softened_columns
 from compass.methods.match import Match, Search
@@ -121,7 +121,7 @@ def _lag_scores(before: Pixels, now: Pixels, windows: Pixels) -> tuple[npt.NDArr
     """
     columns, seen = before.shape[1], scipy.fft.rfft(now, axis=1)
     own = windows @ np.einsum("rx,rx->x", before, before)
-    least = 1e-3 * float(own.mean())
+    least = TINY * float(own.mean())
     spectra = np.array([(scipy.fft.rfft(window * before, axis=1).conj() * seen).sum(axis=0) for window in windows])
     squares = scipy.fft.rfft(np.einsum("rx,rx->x", now, now))
     energy = scipy.fft.irfft(scipy.fft.rfft(windows, axis=1).conj() * squares, columns, axis=1)

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from compass import CompassConfig, VisualCompassError
-from compass.methods.registry import ALIASES, OURS
+from compass.methods.registry import OURS
 from compass.tilt import Vector
 from fusion.offline.looks import Look, Upright, seen_by
 from fusion.offline.streams import Frame
@@ -43,8 +43,7 @@ def can_have_process(config: CompassConfig, panoramas: int) -> bool:
     """Whether the compass may have a process of its own, which does not know a user's methods, and that pays."""
     if not (hasattr(os, "memfd_create") and hasattr(os, "sched_getaffinity") and sys.executable):
         return False  # no Linux
-    ours = ALIASES.get(config.method, config.method) in OURS
-    return ours and panoramas >= WORTH_IT and len(os.sched_getaffinity(0)) > 1
+    return config.method in OURS and panoramas >= WORTH_IT and len(os.sched_getaffinity(0)) > 1
 
 
 class CompassProcess(AbstractContextManager["CompassProcess"]):

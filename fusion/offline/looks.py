@@ -11,7 +11,7 @@ from operator import attrgetter
 from typing import TYPE_CHECKING
 
 from compass import CompassConfig, CompassStatus, YawIncrement
-from compass.mount import UNKNOWN, CameraMount
+from compass.mount import CameraMount
 from compass.tilt import Vector
 from fusion.checks.images import image_warnings
 from fusion.checks.warnings import Warning
@@ -117,7 +117,7 @@ class Looks:
         self._ready: deque[Look] = deque()
         self._warnings: deque[tuple[Warning, ...]] = deque()  # of the panoramas that are under way or ready
         self.counts: Counter[CompassStatus] = Counter()
-        self.mount = UNKNOWN
+        self.mount = CameraMount()
         self.warnings: tuple[Warning, ...] = ()
 
     def look_ahead_while(self, busy: Callable[[], bool]) -> None:

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from compass import CompassStatus, YawIncrement
-from compass.mount import UNKNOWN, CameraMount
+from compass.mount import CameraMount
 from fusion.buffer.events import Sample, Sensor
 from fusion.checks.gate import SensorReport
 from fusion.checks.silence import SILENT_NS
@@ -118,7 +118,7 @@ class FusedRun:
     odometry: OdometryTrack
     truth: TruthTrack | None
     compass_counts: Counter[CompassStatus] = field(default_factory=Counter)
-    mount: CameraMount = UNKNOWN
+    mount: CameraMount = field(default_factory=CameraMount)
     fusion_counts: Counter[str] = field(default_factory=Counter)
     gates: dict[Sensor, SensorReport] = field(default_factory=dict)
     warnings: list[Warned] = field(default_factory=list)
