@@ -7,7 +7,6 @@ import logging
 import math
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import Any
 
 from compass import YawIncrement
@@ -39,6 +38,7 @@ from fusion.checks.stamps import ABANDONED_NS, BACKLOG_NS, LONE_NS, ClockWatch, 
 from fusion.checks.warnings import Warning, most_serious_first
 from fusion.config import FusionConfig
 from fusion.filter import YawFilter
+from fusion.record import replace
 from fusion.samples import OdometrySample, YawEstimate
 from fusion.state.filter_state import FilterState, estimate_of
 

@@ -5,7 +5,6 @@ What comes from an array may overflow or round later, and what compares numpy's 
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any, SupportsFloat, cast
 
 from compass.errors import ArgumentError
@@ -13,6 +12,7 @@ from compass.increment import YawIncrement
 from compass.parameters import shown
 from compass.stamps import whole_ns
 from fusion.buffer.events import Sample
+from fusion.record import replace
 from fusion.samples import GyroSample, OdometrySample
 
 _STAMPS = ("t_ns", "t_ref_ns")

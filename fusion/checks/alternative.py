@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 from fusion.buffer.events import Sensor
 from fusion.checks.contradiction import CONTRADICTION_SIGMAS
 from fusion.checks.recovery import Recovery
 from fusion.checks.windows import Claim, Window
+from fusion.record import replace
 
 # Of the alternative where nobody can decide: the variance of a mixture grows by that share of the squared difference of
 # the two claims. Gyro and compass: the claim stays within two sigmas. The odometry, whose tracks slip: within three.

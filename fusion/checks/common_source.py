@@ -8,7 +8,6 @@ over time, and tracks by slip and encoder ticks besides: an odometry that follow
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -16,7 +15,7 @@ import numpy as np
 from compass import wrap_angle
 from fusion.checks.silence import RATE_SILENT_NS
 from fusion.checks.warnings import Warning
-from fusion.record import record
+from fusion.record import record, replace
 from fusion.samples import OdometrySample
 
 SPACING_NS = 250_000_000  # between two points that are compared; not derived

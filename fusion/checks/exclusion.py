@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from fusion.buffer.events import Sensor
 from fusion.checks.contradiction import GROSS
 from fusion.checks.recovery import Recovery
 from fusion.checks.windows import Claim, Window
+from fusion.record import replace
 
 CHANGED = 0.1  # rad/s in a window; who errs at less errs at a steady rate, too; not derived
 UNLIKELY_BIAS = 0.2  # rad/s, 11 deg/s; a gyro at rest gives 0.2 deg/s rather, but not in rad/s; not derived

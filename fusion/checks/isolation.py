@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from fusion.buffer.events import FOREVER_NS, Sensor
 from fusion.checks.alternative import Alternative, Third
@@ -27,6 +27,7 @@ from fusion.checks.exclusion import Exclusion, fits_anything, may_give_degrees
 from fusion.checks.recovery import Recovery
 from fusion.checks.time_offset import EVERY_WINDOWS, TimeOffset, Turned, time_offset, with_window
 from fusion.checks.windows import Claim, Window
+from fusion.record import replace
 
 MOST_STRIKES = 6  # that count: 32 telling windows are as many as are waited for; not derived
 NEVER = 1_000_000_000  # windows

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 from fusion.buffer.events import Sensor
 from fusion.checks.alternative import ALTERNATIVE_PROBABILITY, Alternative
@@ -14,6 +13,7 @@ from fusion.checks.isolation import Isolation, Judged, Remedy
 from fusion.checks.recovery import Recovery
 from fusion.checks.stillness import CREEP_RATE
 from fusion.checks.windows import Claim, Window
+from fusion.record import replace
 
 # Not derived: `TIMED`, `UNTIMED`, `LONGEST_DELAY`, `SUSTAINED`.
 TIMED = 0.95  # of squared contradictions, explained by a time offset

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 from fusion.buffer.events import Sensor
 from fusion.checks.alternative import Alternative, Third
@@ -14,6 +13,7 @@ from fusion.checks.isolation import Isolation, Judged, Remedy
 from fusion.checks.isolation_recovery import as_it_was, judge_excluded, settle_alternatives, with_window
 from fusion.checks.stillness import CREEP_RATE
 from fusion.checks.windows import WINDOW_NS, Claim, Window
+from fusion.record import replace
 
 # Not derived: `LONG`, `STUCK`, `SLIPPED_ON`, `STEADY`, `STEADY_WINDOWS`, `SCALED`.
 LONG = 6.0  # s; in longer ones errors that last are no noise any more

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 from fusion.checks.warnings import Warning
-from fusion.record import record
+from fusion.record import record, replace
 
 SIGMAS = 3.0  # of the gyro's prior: 1 in 370 gyros that are sound is beyond
 

@@ -9,11 +9,11 @@ et al. 2010, doi:10.1109/TBME.2010.2060723.
 from __future__ import annotations
 
 import math
-from dataclasses import field, replace
+from dataclasses import field
 
 from compass import YawIncrement, wrap_angle
 from fusion.checks.silence import SILENT_NS
-from fusion.record import record
+from fusion.record import record, replace
 from fusion.samples import OdometrySample
 
 # Not derived: `RESOLUTION`, `SHORTEST_STANDSTILL_NS`, `DYING_NS`, `UNKNOWN_TRACK_NOISE`, `RESTING`, `RECENT`,

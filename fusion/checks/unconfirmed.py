@@ -16,7 +16,6 @@ gyro that repeats one number.
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 from compass import wrap_angle
 from fusion.buffer.events import Sensor
@@ -24,7 +23,7 @@ from fusion.checks.alternative import ALTERNATIVE_PROBABILITY
 from fusion.checks.contradiction import CONTRADICTION_SIGMAS
 from fusion.checks.silence import PERIODS, RATE_SILENT_NS, SILENT_NS
 from fusion.checks.windows import FASTEST_ROBOT, Window
-from fusion.record import record
+from fusion.record import record, replace
 from fusion.samples import OdometrySample
 
 ALIKE = 0.2  # of a turn; by less two that measure it need not differ to agree; not derived

@@ -7,13 +7,13 @@ turns are changes of heading in rad, to the left, and hold from the stamp of the
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 from compass import YawIncrement, wrap_angle
 from fusion.buffer.events import Sensor
 from fusion.checks.silence import SILENT_NS
 from fusion.checks.stillness import CompassTurn
-from fusion.record import record
+from fusion.record import record, replace
 from fusion.samples import GyroSample, OdometrySample
 
 WINDOW_NS = 500_000_000  # not derived

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 
-from fusion.record import record
+from fusion.record import record, replace
 from fusion.state.ekf import CLONES
 from fusion.state.gyro_trail import Exposure
 

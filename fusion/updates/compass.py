@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,6 +12,7 @@ from compass.tilt import Vector
 from fusion.buffer.events import CompassEvent, ReferenceEvent, Sensor
 from fusion.checks.gate import Verdict
 from fusion.imu.tilt import heading_change
+from fusion.record import replace
 from fusion.state.clones import Clone
 from fusion.state.ekf import DIM, Measurement, State, YawEkf
 from fusion.state.gyro_trail import Exposure

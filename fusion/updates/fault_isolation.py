@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 from compass import YawIncrement
 from fusion.buffer.events import Sensor
@@ -18,6 +17,7 @@ from fusion.checks.refusal import Refusal
 from fusion.checks.silence import RATE_SILENT_NS
 from fusion.checks.windows import BEYOND, LONGEST_WINDOW_NS, SAME_NUMBER, WINDOW_NS, Claim, Start, Window
 from fusion.config import FusionConfig
+from fusion.record import replace
 from fusion.state.ekf import Measurement, State
 from fusion.state.filter_state import FilterState
 from fusion.state.gyro_trail import Exposure, GyroTrail
