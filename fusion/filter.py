@@ -6,7 +6,6 @@ A state is never changed once it is handed out; so it is its own checkpoint and 
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 
@@ -25,6 +24,7 @@ from fusion.checks.silence import RATE_SILENT_NS
 from fusion.checks.stillness import Stillness
 from fusion.config import FusionConfig
 from fusion.imu.tilt import TiltedTurn
+from fusion.record import replace
 from fusion.state.bias_prior import BiasPrior
 from fusion.state.bias_walk import BiasWalk
 from fusion.state.ekf import YAWS, Correction, State, Transition, YawEkf
@@ -149,7 +149,7 @@ class YawFilter:
             beyond = unconfirmed.contradiction(state.belief) if state.only_tracks_watch else None
             if beyond is not None and not state.warnings:
                 state.warnings = (adds_up(Sensor.COMPASS, unconfirmed.since.t_ns, beyond),)
-        if state.only_tracks_watch and unconfirmed is not None:
+        if (window_over or isinstance(event, CompassEvent)) and unconfirmed is not None and state.only_tracks_watch:
             agreed = agreed or (window_over and not refused and unconfirmed.agrees(state.belief))
         elif isinstance(event, CompassEvent) and gate.accepted_ns == event.t_ns and gate.report:
             off, variance = gate.report.innovation, event.sample.variance
@@ -161,8 +161,8 @@ class YawFilter:
                 # tracks that have said nothing yet but zero may be right as long as nobody has agreed with anybody
                 witness = state.speaks(Sensor.TRACKS) if unconfirmed.beginning else state.believes(Sensor.TRACKS)
                 agreed = unconfirmed.agrees(state.belief) or not witness
-        known = unconfirmed is not None and not unconfirmed.beginning
-        if agreed and (known or sum(map(state.hears, Sensor)) > 1):
+        known = agreed and unconfirmed is not None and not unconfirmed.beginning
+        if known or (agreed and sum(map(state.hears, Sensor)) > 1):
             doubt, error = before.unconfirmed_variance, 0.0
             if isinstance(event, CompassEvent):  # it confirms to within its own error
                 error = event.sample.variance + state.jitter.variance * float(state.x[State.RATE]) ** 2

@@ -12,13 +12,15 @@ LONGEST_STEP = 3600.0  # s; after a longer silence nothing is less known than af
 # rad, 16 turns: a yaw less well known is not known; its square leaves 12 digits to differences of yaws
 LOST_YAW = 100.0
 ROUNDING = 1e-12  # of a state's variance, lost to rounding at most when two that nearly cancel are subtracted
+_HALF = np.array(0.5)  # numpy multiplies with an array in half the time of a number
 LOOSE = 1e-9  # of a state's variance, by which states are made a little less alike that rounding can't tell apart
 
 
 def symmetric(P: Array) -> Array:
     """A covariance without what rounding has made unsymmetric."""
-    half: Array = P + P.T
-    half *= 0.5
+    half: Array = P.T.copy()  # numpy adds a transposed array at a third of the speed
+    half += P
+    half *= _HALF
     return half
 
 

@@ -181,25 +181,28 @@ class YawEkf(ExtendedKalmanFilter):
     def predict_for(self, dt: float, *, still: bool = False, watched: bool = False) -> None:
         """Move the state on by `dt` seconds; `still`: without any change of the turn rate; `watched`: by a gyro."""
         x, P = self.x, self.P
-        self.F, self.Q = self.transition(min(dt, LONGEST_STEP), still=still, watched=watched)
-        self.predict()  # type: ignore[no-untyped-call]
+        F, Q = self.F, self.Q = self.transition(min(dt, LONGEST_STEP), still=still, watched=watched)
+        self.predict()
         lost = self.P[State.YAW, State.YAW] > LOST_YAW**2
         if lost:
             self.x, self.P = x, P
-            limit_turn(self.F, self.Q, P, State.YAW)
-            self.predict()  # type: ignore[no-untyped-call]
+            limit_turn(F, Q, P, State.YAW)
+            self.predict()
         self.P = symmetric(self.P)
         if self.tape is not None:
-            self.tape.append(Transition(self.F))
-        del self.F, self.Q, self.x_prior, self.P_prior  # the timeline keeps states, and these fill a processor's cache
+            self.tape.append(Transition(F))
+        del self.F, self.Q  # the timeline keeps states, and these fill a processor's cache
         if lost:
             x = self.x
             self.transform(forget_beyond(self.P, State.YAW, YAWS))
             self.x = x
 
-    def predict_x(self, u: float = 0.0) -> None:
-        """As the base class, which calls it, without a control input."""
-        self.x = self.F.dot(self.x)
+    def predict(self, u: float = 0.0) -> None:
+        """As the base class, without a control input, and without copies of what is predicted."""
+        F = self.F
+        self.x = F.dot(self.x)
+        self.P = F.dot(self.P).dot(F.T)
+        self.P += self.Q
 
     def transition(self, dt: float, *, still: bool = False, watched: bool = False) -> tuple[Array, Array]:
         """Transition F and process noise Q over `dt` seconds.
@@ -309,16 +312,17 @@ class YawEkf(ExtendedKalmanFilter):
             K = optimal.copy()
             for state in measurement.consider:
                 K[state] = 0.0
-        self.x = prior_x + K * measurement.innovation
+        self.x = prior_x + K.dot(measurement.innovation)  # with a number `dot` is the quicker product
         # (I - K H) P (I - K H)' + K R K', for any gain (Bucy & Joseph 1968), as a change of rank two: half of it
         if measurement.H_after is not None:
             H, PH = measurement.H_after, prior_P.dot(measurement.H_after[0])
             S = float(H[0].dot(PH)) + expected.R
-        half = K[:, None].dot((0.5 * S * K - PH)[None, :])
-        self.P = half + half.T
+        half = K[:, None].dot((K.dot(0.5 * S) - PH)[None, :])
+        self.P = half.T.copy()  # as in `symmetric`
+        self.P += half
         self.P += prior_P
         variances = self.P.reshape(-1)[:: DIM + 1]
-        variances += ROUNDING * prior_P.diagonal()
+        variances += prior_P.diagonal().dot(ROUNDING)
         if not variances[variances.argmin()] >= 0.0:
             self.x, self.P = prior_x, loosened(prior_P)
             return

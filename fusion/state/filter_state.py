@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -22,6 +22,7 @@ from fusion.checks.unconfirmed import Belief, TracksSince, Unconfirmed
 from fusion.checks.warnings import Warning, most_serious_first
 from fusion.checks.windows import SAME_NUMBER, Turns
 from fusion.imu.tilt import BiasGain, TiltedTurn
+from fusion.record import replace
 from fusion.samples import YawEstimate
 from fusion.state.bias_prior import BiasPrior
 from fusion.state.bias_walk import BiasWalk
@@ -170,10 +171,10 @@ class FilterState:
     def fork(self, tape: list[Transition | Correction] | None = None) -> FilterState:
         """A state to be changed by one step: with an EKF of its own, which notes on `tape` what is done to it."""
         state = self._copy()
-        state.ekf = self.ekf.fork(tape)
-        state.ekf.jitter, state.ekf.rate_walk_scale = self.jitter.variance, self.rate_walk_scale.variance
-        state.ekf.bias_walk_scale = self.bias_walk.scale
-        state.ekf.slip_turn, state.ekf.slip_speed = self.slip_turn.variance, self.slip_speed.variance
+        ekf = state.ekf = self.ekf.fork(tape)
+        ekf.jitter, ekf.rate_walk_scale = self.jitter.variance, self.rate_walk_scale.variance
+        ekf.bias_walk_scale = self.bias_walk.scale
+        ekf.slip_turn, ekf.slip_speed = self.slip_turn.variance, self.slip_speed.variance
         return state
 
     def _copy(self) -> FilterState:

@@ -74,12 +74,10 @@ class LearntNoise:
         log = math.log
         forgotten = 1.0 / self.memory
         keep, power, scaled = 1.0 - forgotten, self.tail + 1.0, innovation * innovation / self.tail
-        weights = [
-            keep * weight
-            + forgotten * prior
-            - 0.5 * (log(S := others + square * squared) + power * log(1.0 + scaled / S))
-            for weight, prior, square in zip(self.weights, self.prior, self.squares, strict=True)
-        ]
+        weights = []  # in a loop: before Python 3.12 a list comprehension is a function of its own, and slower
+        for weight, prior, square in zip(self.weights, self.prior, self.squares):  # noqa: B905 - `strict` is slower
+            S = others + square * squared
+            weights.append(keep * weight + forgotten * prior - 0.5 * (log(S) + power * log(1.0 + scaled / S)))
         return LearntNoise(self.known, self.squares, normalised(weights), self.prior, self.memory, self.tail)
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,6 +14,7 @@ from fusion.checks.silence import RATE_SILENT_NS, SILENT_NS
 from fusion.checks.windows import FASTEST_CHANGE, FASTEST_ROBOT, SAME
 from fusion.config import FusionConfig
 from fusion.imu.tilt import TILT_ERROR, BiasGain
+from fusion.record import replace
 from fusion.samples import GyroSample
 from fusion.state.bounds import LONGEST_STEP
 from fusion.state.ekf import DIM, IDENTITY, TURNING, Measurement, State, YawEkf
@@ -49,13 +49,12 @@ class GyroUpdate:
         if refused.report is None or event.t_ns - refused.report.t_ns > RATE_SILENT_NS:
             state.gyro_since_ns = event.t_ns
         up = beyond_error(sample.up, TILT_ERROR) if sample.up else None
-        if state.trail.points:
+        if up and state.trail.points:
             seconds = min(event.t_ns - state.trail.points[-1].t_ns, RATE_SILENT_NS) * 1e-9
             state.tilted_turn = state.tilted_turn.after(up, float(state.x[State.RATE]) * seconds)
         if sample.factor_sigma != state.gyro_factor_sigma:
             self._allow_factor(state, sample.factor_sigma)
-        gain = BiasGain.tilted(up) if up else state.bias_gain
-        if gain.differs(state.bias_gain):
+        if up and (gain := BiasGain.tilted(up)).differs(state.bias_gain):
             turn_bias(state.ekf, state.bias_gain, gain)
             state.bias_gain = gain
         if state.stillness.standing and sample.cross_rate is not None:
