@@ -111,7 +111,7 @@ class YawFilter:
             self._compass.refer(state, event)
         self._standstill.settle(state)
         if state.hears(Sensor.COMPASS) or isinstance(event, HeadingEvent):
-            state.aided_yaw = float(state.x[State.YAW])
+            state.aided_yaw, state.aided_ns = float(state.x[State.YAW]), event.t_ns
         self._lead(before, state, event)
         contradicted = before.unconfirmed is not None and before.unconfirmed.tracks is not None
         if contradicted and not state.believes(Sensor.TRACKS) and before.believes(Sensor.TRACKS):

@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from compass.agreement import AGREE, ALIKE
+from compass.agreement import ALIKE
 from compass.features.padded_strip import MARGIN, WINDOW, Picture
 from compass.features.points import Patches, levelled, sample
 from compass.flow.correlation import FLOOR_PX
@@ -23,6 +23,10 @@ from compass.images.strip import Pixels
 Index = npt.NDArray[np.intp]
 
 LONGEST_CORRECTION_PX = 1.0  # pixels by which it may move a track in all
+# Of the corners, or they are sought with more levels of the pyramid: with a half a walk at 2 Hz ends 1.9 deg off
+# instead of 1.1 (docs/lab-notes/constants-2026-11-29.md); with 0.9 held-out drives err as much, and
+# an update takes a twentieth more (docs/lab-notes/constants-2026-11-30.md).
+ENOUGH = 0.7
 # OpenCV's default is 30 rounds to 0.01 pixels; with that increments err by 1.13 times as much, with 30 to 0.03 by 1.05,
 # to 0.15 by 1.07 (docs/lab-notes/constants-2026-11-29.md, constants-2026-11-30.md).
 STOP = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 10, 0.03)
@@ -72,7 +76,7 @@ def track(before: Picture, patches: Patches, now: Picture, guess: Pixels, levels
         Of the pyramid above the picture itself: 0 where they are expected to a pixel or two.
     """
     tracks = _tracked(before, patches, now, guess, levels)
-    if tracks.index.size < AGREE * len(patches):
+    if tracks.index.size < ENOUGH * len(patches):
         farther = _tracked(before, patches, now, guess)
         tracks = farther if farther.index.size > tracks.index.size else tracks
     return tracks

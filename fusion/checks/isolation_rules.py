@@ -114,7 +114,7 @@ def _gyro_steps(iso: Isolation, long: Window, bias: float) -> Judged | None:
         return None
     off = gyro.turn - compass.turn
     least = max(GROSS * WINDOW_NS * 1e-9, SCALED * gyro.scale * abs(compass.turn))
-    if not (least < abs(off) <= GROSS * long.seconds and contradict(gyro, compass, 0.0)):
+    if not (least < abs(off) <= UNLIKELY_BIAS * long.seconds and contradict(gyro, compass, 0.0)):
         return None
     third = Third().plus(long.tracks, compass, gyro)
     iso = iso.noting(long).with_alternative(

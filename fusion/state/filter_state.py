@@ -98,8 +98,9 @@ class FilterState:
         Since when a gyro hangs while nobody else measures the turn, ns.
     gyro_factor_sigma : float
         Of the gyro's last sample, see `GyroSample.factor_sigma`.
-    aided_yaw : float
-        The yaw when a compass last measured it, or when it was set, rad: since then the gyro's scale counts.
+    aided_yaw, aided_ns : float, int or None
+        The yaw when a compass last measured it, or when it was set, rad, and when that was: since then the gyro's scale
+        counts.
     yaw_lead : float
         By how much the published yaw is ahead of what is believed, rad: standing, the robot finds out how far wrong it
         has turned for minutes, but its yaw does not jump.
@@ -148,6 +149,7 @@ class FilterState:
     hung_since_ns: int | None = None
     gyro_factor_sigma: float = 0.0
     aided_yaw: float = 0.0
+    aided_ns: int | None = None
     yaw_lead: float = 0.0
     standing_yaw: float | None = None
     agreement: BiasPrior | None = None

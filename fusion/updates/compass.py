@@ -17,6 +17,7 @@ from fusion.state.clones import Clone
 from fusion.state.ekf import DIM, Measurement, State, YawEkf
 from fusion.state.gyro_trail import Exposure
 from fusion.updates.gating import Gating
+from fusion.updates.gyro_scale import tie_to_scale
 from fusion.updates.image_timing import clone_exposure, exposure_of, mean_turning, told_of_delay
 
 if TYPE_CHECKING:
@@ -40,11 +41,10 @@ class CompassUpdate:
         self._isolation = isolation
 
     def fuse(self, before: FilterState, state: FilterState, event: CompassEvent) -> None:
-        """Take in an increment; before the first after a gap the gyro's scale has widened the yaw."""
+        """Take in an increment; before the first after a gap the gyro's scale has turned the yaw."""
         ekf = state.ekf
         if before.scale_variance > 0.0 and not before.isolation.excludes(Sensor.COMPASS):
-            ekf.widen(State.YAW, before.scale_variance)
-            state.aided_yaw = float(ekf.x[State.YAW])
+            tie_to_scale(state)
         self._fuse(before, state, event)
         scale, images = State.GYRO_SCALE, state.scale_conflict.images
         if not event.sample.long_baseline:

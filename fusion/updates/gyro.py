@@ -20,6 +20,7 @@ from fusion.state.bounds import LONGEST_STEP
 from fusion.state.ekf import DIM, IDENTITY, TURNING, Measurement, State, YawEkf
 from fusion.state.process_models import turning
 from fusion.updates.gating import Gating
+from fusion.updates.gyro_scale import tie_to_scale
 
 if TYPE_CHECKING:
     from fusion.state.filter_state import FilterState
@@ -109,8 +110,7 @@ class GyroUpdate:
         """Take in that nobody knows any more how the gyro lies, or that somebody does now: its scale is another."""
         ekf, before = state.ekf, state.gyro_factor_sigma
         if factor_sigma < before:
-            ekf.widen(State.YAW, state.scale_variance)
-            state.aided_yaw = float(ekf.x[State.YAW])
+            tie_to_scale(state)
         state.gyro_factor_sigma = factor_sigma
         if factor_sigma < before:
             ekf.renew(State.GYRO_SCALE, state.gyro_scale_sigma**2)
