@@ -68,22 +68,24 @@ class Eyes:
 
 def sensed(
     rng, rate, speed, *, bias=0.003, scale=1.35, hertz=(100, 40, 10), camera_delay=0.0, eyes=None, unseen=0.0,
-    gyro_noise=0.003,
+    gyro_noise=0.003, gyro_scale=1.0, slip=0.02, veer=0.003, tick=TICK,
 ):  # fmt: skip
     """The drive at this turn rate and speed, each 1 ms (rad/s, m/s), as gyro, tracks and compass see it.
 
+    `bias` of the gyro, rad/s, may be one for each 1 ms; of the tracks, `slip` is a share of what they turn and drive,
+    `veer` the turn that they claim for each metre, rad, and `tick` that of an encoder count.
     `unseen` is a turn rate, rad/s each 1 ms, that the tracks do not see: of a robot that is lifted.
     """
     gyro_hz, track_hz, compass_hz = hertz
     n, true = rate.size, rate + unseen
-    yaw = np.concatenate([[0.0], np.cumsum(true[:-1]) / HZ])
+    yaw, drift = np.concatenate([[0.0], np.cumsum(true[:-1]) / HZ]), np.broadcast_to(bias, n)
     samples = [
-        GyroSample(int(j) * 10**6, float(true[j] + bias + gyro_noise * rng.normal()))
+        GyroSample(int(j) * 10**6, float(gyro_scale * true[j] + drift[j] + gyro_noise * rng.normal()))
         for j in range(0, n, HZ // gyro_hz)
     ]
-    grip = _gauss_markov(rng, n, 0.5) * 0.02
-    claimed = np.concatenate([[0.0], np.cumsum(scale * rate * (1 + grip) + speed * (grip + 0.003))[:-1] / HZ])
-    claimed = np.round(claimed[:: HZ // track_hz] / TICK) * TICK
+    grip = _gauss_markov(rng, n, 0.5) * slip
+    claimed = np.concatenate([[0.0], np.cumsum(scale * rate * (1 + grip) + speed * (grip + veer))[:-1] / HZ])
+    claimed = np.round(claimed[:: HZ // track_hz] / tick) * tick
     for k, turn in enumerate(np.diff(claimed, prepend=0.0)):
         j = k * (HZ // track_hz)
         samples.append(OdometrySample((j + 1) * 10**6, float(turn * track_hz), float(speed[j]), float(claimed[k])))

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
 PITCH_SIGMAS = 10.0  # of a gyro that nobody has calibrated: more is no bias, but a pitch; not derived
 VAGUE_FACTOR = 100.0  # times the noise of a gyro sample; from one of that a turn of 1 rad/s would not stand out
+TOLD = 9.0  # times the variance of a sample: three deviations; its noise is more once in 370 times
 
 
 class GyroUpdate:
@@ -88,9 +89,9 @@ class GyroUpdate:
                 variance += self._config.initial_rate_sigma**2
         if abs(sample.yaw_rate) > FASTEST_ROBOT:
             return
-        # at rest the rate is the samples' own noise, and its square would be learnt for a scale
-        observable = state.hears(Sensor.COMPASS) and not state.stillness.standing
-        measurement = gyro_measurement(state.ekf, sample.yaw_rate, variance, scale_observable=observable)
+        measurement = gyro_measurement(
+            state.ekf, sample.yaw_rate, variance, scale_observable=state.hears(Sensor.COMPASS)
+        )
         expected = state.ekf.expect(measurement)
         prior = expected.S - measurement.R
         since_ns = None if state.isolation.excludes(Sensor.GYRO) else refused.accepted_ns
@@ -184,13 +185,15 @@ def gyro_measurement(
     A sample does not observe its own scale, which is only considered: it is a factor of the rate, which the sample
     does observe, and linearised the noise of the one would draw the other down. A compass makes the scale observable,
     by the yaw that is correlated with it. Without one (not `scale_observable`) the scale is left out: the tracks, whose
-    scale is not known either, would seem to observe it, linearised.
+    scale is not known either, would seem to observe it, linearised. Of the rate counts what is more than a sample's
+    noise makes of it: its square would be learnt for a scale while the robot stands or drives straight.
     """
     x = ekf.x
     rate, gain = float(x[State.RATE]), 1.0 + float(x[State.GYRO_SCALE])
-    H = np.zeros((1, DIM))
-    H[0, State.RATE], H[0, State.BIAS], H[0, State.GYRO_SCALE] = gain, 1.0, rate if scale_observable else 0.0
     R = ekf.config.gyro_sigma**2 if variance is None else variance
+    turning = rate * max(1.0 - TOLD * R / rate**2, 0.0) if scale_observable and rate else 0.0
+    H = np.zeros((1, DIM))
+    H[0, State.RATE], H[0, State.BIAS], H[0, State.GYRO_SCALE] = gain, 1.0, turning
     return Measurement(yaw_rate - gain * rate - float(x[State.BIAS]), H, R, consider=(State.GYRO_SCALE,))
 
 
