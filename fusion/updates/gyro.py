@@ -191,7 +191,7 @@ def gyro_measurement(
     x = ekf.x
     rate, gain = float(x[State.RATE]), 1.0 + float(x[State.GYRO_SCALE])
     R = ekf.config.gyro_sigma**2 if variance is None else variance
-    turning = rate * max(1.0 - TOLD * R / rate**2, 0.0) if scale_observable and rate else 0.0
+    turning = rate - TOLD * R / rate if scale_observable and rate**2 > TOLD * R else 0.0
     H = np.zeros((1, DIM))
     H[0, State.RATE], H[0, State.BIAS], H[0, State.GYRO_SCALE] = gain, 1.0, turning
     return Measurement(yaw_rate - gain * rate - float(x[State.BIAS]), H, R, consider=(State.GYRO_SCALE,))
