@@ -159,7 +159,7 @@ def test_delay_that_jumps_does_no_harm(seed):
 
 
 @pytest.mark.parametrize("images_hz", [10, 30])
-@pytest.mark.parametrize("noise", [0.0025, 0.01, 0.03])
+@pytest.mark.parametrize("noise", [0.0025, 0.03])
 def test_delay_is_not_learnt_from_the_noise_of_a_straight_drive(noise, images_hz):
     """A gyro's noise that is taken for a turn rate says that there is no delay, a little with each image."""
     rng = np.random.default_rng(1)

@@ -27,9 +27,8 @@ def late(scale, since, until):
     return drive.changed(lambda s: None, YawIncrement, since, until)
 
 
-@pytest.mark.parametrize("tracks", [True, False])
-@pytest.mark.parametrize("since", [0.0, 2.5])
-@pytest.mark.parametrize("scale", [0.98, 1.0, 1.015])
+@pytest.mark.parametrize(("since", "tracks"), [(0.0, True), (0.0, False), (2.5, True)])
+@pytest.mark.parametrize("scale", [0.98, 1.015])
 def test_scale_that_images_teach_the_gyro_counts_for_what_was_turned_before_they_came(scale, since, tracks):
     """An increment says nothing of what was turned before its reference, nor do tracks of what was before theirs."""
     drive = late(scale, since, 10.0)
@@ -40,7 +39,7 @@ def test_scale_that_images_teach_the_gyro_counts_for_what_was_turned_before_they
 
 
 @pytest.mark.parametrize("tracks", [True, False])
-@pytest.mark.parametrize("bias", [-0.023, 0.023, 0.03])
+@pytest.mark.parametrize("bias", [-0.023, 0.03])
 def test_bias_that_only_several_windows_show_is_one_however_large(bias, tracks):
     """A gyro of 10 Hz, whose noise in one window hides 1 deg/s: a scale factor makes no turn of a straight drive."""
     rate = leg(np.full(30 * HZ, 0.05), (2, 12, 0.0), (12, 16, -0.5), (16, 20, 0.0), (20, 24, 0.4), (24, 30, 0.0))
