@@ -20,7 +20,7 @@ def test_noise_of_a_gyro_on_a_straight_drive_is_no_scale_factor():
     """The rate that a sample's scale is a factor of is the last sample's noise there, which the next one takes back."""
     rate = np.zeros(40 * HZ)
     rate[2 * HZ : 4 * HZ] = 0.5
-    drive = sensed(
+    straight = sensed(
         np.random.default_rng(7),
         rate,
         np.full(rate.size, 0.5),
@@ -30,7 +30,7 @@ def test_noise_of_a_gyro_on_a_straight_drive_is_no_scale_factor():
     )
     scales = []
     for seconds in (8.0, 40.0):
-        fusion, errors = fuse(drive.changed(lambda s: None, since=seconds))
+        fusion, errors = fuse(straight.changed(lambda s: None, since=seconds))
         scales.append(float(fusion.state.x[State.GYRO_SCALE]))
     assert abs(scales[1] - scales[0]) < 0.001
     assert abs(errors[-1]) < 3.0 * math.sqrt(fusion.estimate().yaw_variance)

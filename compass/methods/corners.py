@@ -72,9 +72,8 @@ class CornerTracker:
 
     def __call__(self, reference: Strip, current: Strip, search: Search) -> Match:
         """How the current strip lies on the reference, see `compass.match.Match`."""
-        if (
-            reference.columns <= 2 * MARGIN or len(reference.pixels) < 4 * WINDOW.half
-        ):  # no room for patches and their ways
+        too_narrow = reference.columns <= 2 * MARGIN or len(reference.pixels) < 4 * WINDOW.half  # for patches
+        if too_narrow:
             return match_small(reference, current, search)
         projection = Projection.of(reference, search.forward_px)
         key = self._keyframe_of(reference, projection)

@@ -20,7 +20,9 @@ LONG = 6.0  # s; in longer ones errors that last are no noise any more
 STUCK = 0.2  # ratio of turns; less is no scale factor, nor is more than its inverse
 STEADY, STEADY_WINDOWS = 0.2, 2  # by so much of itself a bias changes; windows that show it
 SCALED = 12.0  # standard deviations of the gyro's scale factor: a tenth of a turn as long as it is not learnt
-UNLIKELIER = 5.0  # times as large a bias: by a prior of heavy tails, as of any gyro, 25 times less likely
+# Times as large a bias: by a prior of heavy tails, as of any gyro, 25 times less likely. With 10 a robot that is
+# carried round at 0.05 rad/s stays 83 deg off (docs/lab-notes/strangers-2026-11-30.md).
+UNLIKELIER = 5.0
 SLIPPED_ON = 3  # windows; tracks that slip for longer do not see the robot turn
 
 

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 PITCH_SIGMAS = 10.0  # of a gyro that nobody has calibrated: more is no bias, but a pitch; not derived
 VAGUE_FACTOR = 100.0  # times the noise of a gyro sample; from one of that a turn of 1 rad/s would not stand out
-TOLD = 9.0  # times the variance of a sample: three deviations; its noise is more once in 370 times
+TOLD = 9.0  # times the variance of a sample: three deviations, as its noise is more once in 370 times; not derived
 
 
 class GyroUpdate:

@@ -11,8 +11,9 @@ from fusion.state.gyro_trail import Exposure, GyroTrail
 if TYPE_CHECKING:
     from fusion.state.filter_state import FilterState
 
-TURNING_IMAGES = 10
-NOISES = 2.0  # white noise is more than that in the mean of so many images less than once in a hundred times
+# In the mean of ten images white noise is more than twice its variance less than once in a hundred times. Over thirty
+# images, or with thrice, a delay is found too late (docs/lab-notes/doubts-and-late-gyros-2026-11-30.md).
+TURNING_IMAGES, NOISES = 10, 2.0
 
 
 def exposure_of(state: FilterState) -> Exposure:
@@ -56,7 +57,8 @@ def told_of_delay(turning: float) -> float:
     """Share of a measured turn rate that tells of the delay, of the mean square `turning` as `mean_turning` has it.
 
     Where a robot drives straight, a gyro's noise would be taken for a turn rate, and images that show none of it would
-    say that there is no delay, a little each. Shrunk as by James & Stein 1961, with twice the noise as margin.
+    say that there is no delay, a little each. Shrunk as by James & Stein (1961, "Estimation with quadratic
+    loss"), with twice the noise as margin.
     """
     return max(1.0 - NOISES / turning, 0.0) if turning > 0.0 else 0.0
 
