@@ -30,11 +30,14 @@ class Motion:
         Whether its direction of travel is known.
     is_unknown : bool
         Whether there was no image yet.
+    doubtful : bool
+        Whether the corners of the last image err by more than those of the image before, and many fit to no motion.
     """
 
     start: Start
     travels: bool = False
     is_unknown: bool = True
+    doubtful: bool = False
 
     @staticmethod
     def unknown() -> Motion:
@@ -46,6 +49,7 @@ class Motion:
         fit = self._continued(problem) if self.travels else None
         if fit is None or fit.inlier.mean() < AGREE or self._noise_rose(fit):
             fit = self._anew(problem, fit)
+        self.doubtful = not self.is_unknown and fit.inlier.mean() < AGREE and self._noise_rose(fit)
         self.start = Start(fit.states, fit.shares if self.travels else even_shares(), fit.noise)
         self.is_unknown = False
         return fit

@@ -50,7 +50,7 @@ class Keyframe:
     motion : Motion
         As estimated from the images since.
     shift_px : int
-        Turn to the last image that gave one, columns.
+        Coarse shift by which corners were sought in the last image that gave an answer, columns.
     """
 
     picture: Picture
@@ -89,9 +89,10 @@ class CornerTracker:
         for shift_px, tilt in starts:
             tried = replace(key, motion=replace(key.motion))
             inliers, found = _compared(tried, self._newest, replace(coarse, shift_px=shift_px), projection, tilt)
-            if inliers > most:
+            if AGREE * inliers > most:
                 most, match, self._keyframe = inliers, found, tried
-            if 2.0 * most > len(key.patches):  # no other motion has as many
+            # no other motion has as many, but if the corners' errors grow with it, most may fit to a wrong one, too
+            if 2.0 * inliers > len(key.patches) and not tried.motion.doubtful:
                 break
         return match
 
@@ -165,7 +166,7 @@ def _compared(
     if match.status is CompassStatus.LOW_CONFIDENCE:  # what misled this image shall not mislead the next one
         inliers, key.motion = 0.0, Motion.unknown()
     else:
-        key.shift_px = round(match.shift_px)
+        key.shift_px = coarse.shift_px
     return inliers, match
 
 
@@ -231,9 +232,10 @@ def _judged(key: Keyframe, tracks: Tracks, fit: Fit, problem: Problem, match: Ma
 
 def _pure_turn(key: Keyframe, fit: Fit, current: Strip, match: Match) -> Match | None:
     """The same by all rows pooled, where the camera only turned and they agree with the corners; else None."""
-    if key.motion.travels or fit.inlier.mean() < AGREE:
-        return None
     reference = key.picture.strip
+    tilted = math.hypot(*match.tilt) > math.tau / reference.columns  # by a column, which moves no row along itself
+    if key.motion.travels or tilted or fit.inlier.mean() < AGREE:
+        return None
     peak, spectrum = pooled_turn(reference, current, match.shift_px)
     if peak.curvature >= 0.0:  # pixels that were doubled have no maximum half a column off
         return None
