@@ -22,6 +22,7 @@ from fusion import FusionConfig, GyroSample, Warning, YawPipeline
 from fusion.offline import compass_process, fuse, fuse_bag
 from fusion.offline.cli import main
 from fusion.offline.compass_process import MOST_AHEAD, CompassProcess, can_have_process
+from fusion.offline.decode import NICER, decode_ahead
 from fusion.offline.looks import Looks
 from fusion.offline.run import fuse_recording
 from fusion.offline.streams import Frame, GyroTrack, OdometryTrack
@@ -233,6 +234,16 @@ def test_process_ends_with_the_run_however_that_ends():
     with pytest.raises(ZeroDivisionError), CompassProcess(settings.compass) as process:
         fuse_recording(recording, settings, fail, Looks(recording, settings, process.see))
     assert process._process.poll() == -signal.SIGKILL
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="threads have nice values of their own on Linux only")
+def test_decoding_gives_way_and_nothing_else_does():
+    def nice_value(_=None):
+        return os.getpriority(os.PRIO_PROCESS, 0)  # of the thread that asks
+
+    usual = nice_value()
+    assert set(decode_ahead(range(9), nice_value)) == {min(usual + NICER, 19)}
+    assert nice_value() == usual
 
 
 def test_process_ends_by_itself_when_the_other_is_gone():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import gc
 import logging
 import os
@@ -15,6 +16,7 @@ import click
 from compass.errors import ConfigError, VisualCompassError
 from fusion.offline.commands import allan, report
 from fusion.offline.evaluate_command import evaluate
+from fusion.offline.garbage import collect_seldom
 from fusion.offline.interruption import Interrupted, interruptible
 from fusion.offline.sensor_options import sensor_file_options, topic_options
 from fusion.offline.verbosity import QuietGroup, anything_printable, output_checked, say
@@ -30,10 +32,6 @@ for variable in ("OPENBLAS_NUM_THREADS", "OPENCV_FOR_THREADS_NUM"):
 # Only processes that this one starts read it.
 os.environ.setdefault("MALLOC_MMAP_THRESHOLD_", str(32 << 20))
 os.environ.setdefault("MALLOC_TRIM_THRESHOLD_", str(128 << 20))
-
-# Samples, states and rows by the hundred thousand refer to each other in no circle: a collector of garbage that walks
-# through them after every 700 new objects, as is the default, finds nothing.
-_OBJECTS = 50_000
 
 _PATH = click.Path(path_type=Path)
 _FORCE = click.option("--force", is_flag=True, help="Write where something else is than an earlier result.")
@@ -211,13 +209,15 @@ for _command in (evaluate, report, allan):
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point of ``visual-compass``: the only place that prints errors and chooses the exit code."""
+    if arguments is None:  # the process is this command's: nothing is searched once more for garbage as it ends
+        atexit.register(gc.freeze)
     with anything_printable():
         return _run(arguments)
 
 
 def _run(arguments: Sequence[str] | None) -> int:
     level, collecting = logging.getLogger().level, gc.get_threshold()
-    gc.set_threshold(_OBJECTS)
+    collect_seldom()
     logging.basicConfig(level=logging.WARNING, format="%(message)s", stream=sys.stderr)
     try:
         with interruptible(), output_checked():

@@ -22,6 +22,7 @@ import numpy as np
 from compass import CompassConfig, VisualCompassError
 from compass.methods.registry import OURS
 from compass.tilt import Vector
+from fusion.offline.garbage import collect_seldom
 from fusion.offline.looks import Look, Upright, seen_by
 from fusion.offline.streams import Frame
 
@@ -149,6 +150,7 @@ def ended(exitcode: int | None, remedy: str = "") -> str:
 
 def serve(connection_fd: str, memory_fd: str) -> None:
     """In the child: look at panoramas until the parent has gone."""
+    collect_seldom()
     connection, memory = Connection(int(connection_fd)), int(memory_fd)
     with suppress(EOFError, ConnectionError):
         try:

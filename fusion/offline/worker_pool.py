@@ -18,6 +18,7 @@ from multiprocessing.connection import Connection, wait
 
 from fusion.offline.bag_task import FAILED, BagOutcome, BagTask, run_task
 from fusion.offline.compass_process import ONE_THREAD, ended
+from fusion.offline.garbage import collect_seldom
 from fusion.offline.interruption import Interrupted, interruptible
 
 Part = Callable[[BagTask, float], None]  # takes the finished part of a task, 0..1
@@ -103,6 +104,7 @@ class _Worker:
 
 def _serve(connection: Connection) -> None:
     """In the child: take tasks until there are no more, or a signal unwinds all."""
+    collect_seldom()
     shown_at = 0.0
 
     def progress(part: float) -> None:
