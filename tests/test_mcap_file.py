@@ -1,6 +1,7 @@
 """MCAP and sqlite3 bags as other writers make them: what nobody needs of them is no reason to refuse one."""
 
 import contextlib
+import os
 import random
 import sqlite3
 import struct
@@ -188,6 +189,16 @@ def test_sqlite_needs_no_definitions_of_standard_types(tmp_path, change):
         database.commit()
     with Bag(tmp_path / "b", tell=False) as bag:
         assert len(list(bag.messages("/imu"))) == COUNT
+
+
+def test_mcap_that_is_cut_while_it_is_read_is_refused(tmp_path, imu):
+    path = write(tmp_path / "x.mcap", imu)
+    with Bag(path) as bag:
+        messages = bag.messages("/imu")
+        next(messages)
+        os.truncate(path, 4000)
+        with pytest.raises(BagError, match="truncated"):
+            list(messages)
 
 
 def test_mcap_damaged_anywhere_is_read_or_refused_in_words(tmp_path, imu):

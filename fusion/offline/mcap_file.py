@@ -223,7 +223,10 @@ def _records(file: BinaryIO, at: int, end: int, wanted: Collection[int] | None =
             raise ValueError(f"truncated or malformed record at byte {at}")
         if code != _MESSAGE or wanted is None or int.from_bytes(head[9:], "little") in wanted:
             file.seek(at + 9)
-            yield code, file.read(size)
+            content = file.read(size)
+            if len(content) < size:
+                raise ValueError(f"truncated while it is read: {size} bytes expected at byte {at}")
+            yield code, content
         at += 9 + size
 
 

@@ -94,7 +94,7 @@ def _check_size(path: Path) -> None:
         header = opened.read(100)
     if len(header) < 100:
         raise ValueError("truncated: it ends in its header")
-    page, pages = int.from_bytes(header[16:18]), int.from_bytes(header[28:32])
+    page, pages = int.from_bytes(header[16:18], "big"), int.from_bytes(header[28:32], "big")
     page = 65536 if page == 1 else page
     if path.stat().st_size < page * pages:
         raise ValueError(f"truncated: {path.stat().st_size} of {page * pages} bytes")
