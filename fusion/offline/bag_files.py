@@ -1,4 +1,8 @@
-"""The files of a bag as one: what is in them, and their messages by the time of recording."""
+"""The files of a bag as one: what is in them, and their messages by the time of recording.
+
+Of ROS 1 the bag library reads them. Of ROS 2 it refuses a whole bag for a definition, a hash or an encoding of a topic
+that nobody asked for, and an MCAP whose messages are not by time.
+"""
 
 from __future__ import annotations
 

@@ -43,6 +43,7 @@ class SqliteFile:
         _check_size(path)
         name = quote(os.fsencode(path.absolute()))
         self._database = sqlite3.connect(f"file:{name}?immutable=1", uri=True, check_same_thread=False)
+        self._database.text_factory = lambda text: text.decode(errors="replace")
         try:
             self.connections = self._connections()
             times = "SELECT MIN(timestamp), MAX(timestamp) FROM messages"
