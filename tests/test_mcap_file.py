@@ -104,12 +104,13 @@ def numbers(path: Path) -> list[int]:
 
 
 @pytest.mark.parametrize("summary", ["all", "none", "schemas", "schemas channels", "counts", "index"])
-@pytest.mark.parametrize("compression", [None, "", "lz4", "zstd"])
-@pytest.mark.parametrize("indexed", [True, False])
-def test_mcap_is_read_whole_however_it_is_packed(tmp_path, imu, compression, indexed, summary):
+@pytest.mark.parametrize(
+    ("per_chunk", "compression", "indexed"), [(0, "", True), (7, "", False), (7, "lz4", True), (7, "zstd", False)]
+)
+def test_mcap_is_read_whole_however_it_is_packed(tmp_path, imu, per_chunk, compression, indexed, summary):
     """`summary` names what is left out of it; the message index is optional, and chunks of large messages lack it."""
-    packed = {"per_chunk": 0} if compression is None else {"per_chunk": 7, "compression": compression}
-    path = write(tmp_path / "x.mcap", imu, summary=summary, indexed=indexed, **packed)
+    packed = {"per_chunk": per_chunk, "compression": compression, "indexed": indexed}
+    path = write(tmp_path / "x.mcap", imu, summary=summary, **packed)
     assert numbers(path) == list(range(COUNT))
 
 
@@ -152,12 +153,15 @@ def test_mcap_beside_a_topic_of_any_schema_is_read(tmp_path, imu, foreign):
         assert not bag.has_header("foo/msg/Bar")
 
 
-@pytest.mark.parametrize("schema", [("", ""), ("unknown", ""), ("ros2msg", ""), ("ros2msg", "of Windows")])
-@pytest.mark.parametrize("name", [IMU, "sensor_msgs/Imu"])
-@pytest.mark.parametrize("profile", ["ros2", ""])
+@pytest.mark.parametrize(
+    "schema", [("", ""), ("unknown", ""), ("ros2msg", ""), ("ros2msg", "of Windows"), ("ros2msg", "alone")]
+)
+@pytest.mark.parametrize(("name", "profile"), [(IMU, ""), ("sensor_msgs/Imu", "ros2")])
 def test_mcap_of_standard_types_needs_no_definition_of_them(tmp_path, imu, schema, name, profile):
     if schema[1] == "of Windows":
         schema = "ros2msg", imu.definition.replace("\n", "\r\n")
+    elif schema[1] == "alone":  # without the types that it is made of
+        schema = "ros2msg", imu.definition.split("=" * 80)[0]
     assert numbers(write(tmp_path / "x.mcap", imu, name=name, profile=profile, schema=schema)) == list(range(COUNT))
 
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from functools import cached_property
+from contextlib import suppress
+from functools import cache, cached_property
 from typing import Any, Literal
 
 from rosbags.interfaces import Connection, MessageDefinitionFormat
@@ -26,11 +27,8 @@ class BagTypes:
     """
 
     def __init__(self, connections: Iterable[Connection], ros: Literal[1, 2]) -> None:
-        self._ros = ros
         self._connections = list(connections)
-        self.standard: Any = get_typestore(Stores.ROS1_NOETIC if ros == 1 else Stores.ROS2_JAZZY)
-        for msgtype, fields in VIDEOS.items():
-            self.standard.register(get_types_from_msg(fields, msgtype))
+        self.standard = _standard(ros)
 
     def check(self, connection: Connection) -> None:
         """Refuse a topic whose own definition of a standard type is another one: its fields would mean something else.
@@ -40,12 +38,10 @@ class BagTypes:
         ValueError
             It is. Of a text that cannot be read the library raises exceptions of every kind.
         """
-        msgtype, ours = connection.msgtype, self.standard
-        own = _defined(connection) if msgtype in ours.fielddefs else None
-        if own and own.generate_msgdef(msgtype, ros_version=self._ros) != ours.generate_msgdef(
-            msgtype, ros_version=self._ros
-        ):
-            raise ValueError(f"its definition of {msgtype.replace('/msg/', '/')} is not the standard one")
+        ours, own = self.standard.fielddefs, _defined(connection)
+        # constants, the first of the two, are none of a message's bytes
+        if any(fields[1] != ours[name][1] for name, fields in own.items() if name in ours):
+            raise ValueError(f"its definition of {connection.msgtype.replace('/msg/', '/')} is not the standard one")
 
     def has_header(self, msgtype: str) -> bool:
         """Whether messages of this type begin with a ``std_msgs/Header``, or a stamp alone, and so have one."""
@@ -54,28 +50,33 @@ class BagTypes:
 
     @cached_property
     def all(self) -> Any:
-        """The standard types, and those of the bag as far as its definitions can be read."""
-        types = get_typestore(Stores.EMPTY)
-        types.register(self.standard.fielddefs)
+        """The types as the bag defines them as far as that can be read, else the standard ones."""
+        fields = dict(self.standard.fielddefs)
         for connection in self._connections:
-            try:
-                own = _defined(connection)
-            except Exception:  # the library's parser meets odd texts with exceptions of every kind
-                continue
-            if own:
-                types.register({name: fields for name, fields in own.fielddefs.items() if name not in types.fielddefs})
+            with suppress(Exception):  # the library's parser meets odd texts with exceptions of every kind
+                fields |= _defined(connection)
+        types = get_typestore(Stores.EMPTY)
+        types.register(fields)
         return types
 
 
-def _defined(connection: Connection) -> Any:
-    """Types as the bag defines them, that of a topic and those that it is made of; None where it does not say."""
-    msgtype, definition = connection.msgtype, connection.msgdef
+@cache
+def _standard(ros: Literal[1, 2]) -> Any:
+    """The types that come with ROS, and packets of videos."""
+    types = get_typestore(Stores.ROS1_NOETIC if ros == 1 else Stores.ROS2_JAZZY)
+    for msgtype, fields in VIDEOS.items():
+        types.register(get_types_from_msg(fields, msgtype))
+    return types
+
+
+def _defined(connection: Connection) -> dict[str, Any]:
+    """Types as the bag defines them, that of a topic and those that it is made of."""
+    definition, types = connection.msgdef, {}
     text = definition.data.replace("\r\n", "\n")
-    types = get_typestore(Stores.EMPTY)
     if text.strip() and definition.format == MessageDefinitionFormat.MSG:
-        types.register(get_types_from_msg(text, msgtype))
+        types = get_types_from_msg(text, connection.msgtype)
     elif text.strip() and definition.format == MessageDefinitionFormat.IDL:
         for part in text.split(_SEPARATOR):
             idl = part.split("\n", 1)[1] if part.startswith("IDL: ") else part
-            types.register(get_types_from_idl(idl) if idl.strip() else {})
-    return types if msgtype in types.fielddefs else None
+            types |= get_types_from_idl(idl) if idl.strip() else {}
+    return types
