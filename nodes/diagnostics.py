@@ -15,8 +15,8 @@ from compass import VisualCompass
 from fusion.buffer.events import Sensor
 from fusion.checks.warnings import Warning
 from nodes.health import Level, StreamHealth
-from nodes.link import Link, unserved
-from nodes.throttled_log import ThrottledLog, surviving
+from nodes.link import Link, rivals, unserved
+from nodes.throttled_log import REPEAT_S, ThrottledLog, surviving
 
 PERIOD_S = 1.0
 _QUIET_PERIODS = 3  # after the start: the sensors' drivers may be starting, too
@@ -103,12 +103,16 @@ def stream_finding(node: Node, health: StreamHealth, timeout: float, link: Link)
 
 
 def delivered(node: Node, finding: Finding, publisher: Publisher) -> Finding:
-    """A finding, with those who subscribe to one of its outputs in vain."""
+    """A finding, with those who subscribe to one of its outputs in vain, or publish there, too."""
     level, text, figures = finding
-    wrong = unserved(node, publisher.topic, publisher.qos_profile)
-    if not wrong:
+    unheard, others = unserved(node, publisher.topic, publisher.qos_profile), rivals(node, publisher.topic)
+    if not unheard and not others:
         return finding
-    figures |= {f"not matching, {publisher.topic_name}": wrong}
+    if unheard:
+        figures |= {f"not matching, {publisher.topic_name}": unheard}
+    if others:
+        node.get_logger().warning(others, throttle_duration_sec=REPEAT_S)
+    wrong = "; ".join(filter(None, (others, unheard)))
     return max(level, Level.WARN), wrong if level is Level.OK else f"{text}; {wrong}", figures
 
 

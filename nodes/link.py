@@ -194,6 +194,17 @@ def unserved(node: Node, topic: str, profile: QoSProfile) -> str:
     return mismatches(takers, lambda taker: (profile, taker.qos_profile), "gets nothing from us")
 
 
+def rivals(node: Node, topic: str) -> str:
+    """Others who publish on a topic of ours, as a node that was started twice; empty if none."""
+    senders = names(node.get_publishers_info_by_topic(topic))
+    if len(senders) < 2:
+        return ""
+    return (
+        f"{len(senders)} publishers send on {node.resolve_topic_name(topic)}: {', '.join(senders)}; who listens hears "
+        "them by turns: stop one, or give it another namespace"
+    )
+
+
 def mismatches(
     ends: Iterable[TopicEndpointInfo],
     pair: Callable[[TopicEndpointInfo], tuple[QoSProfile, QoSProfile]],

@@ -130,3 +130,8 @@ def test_two_publishers_are_named_and_are_no_loss(robot, tmp_path):
         assert figures(diagnostics, "tracks")["lost on the way"] == "0"
         assert "lost" not in node.text()
         assert "overtaken" not in node.text()
+
+        robot.node.create_publisher(Odometry, "/odometry/fused", 10)  # as a second node of ours has it
+        rival = "2 publishers send on /odometry/fused: /fusion_node, /robot; who listens hears them by turns"
+        send_until(both, lambda: rival in said(diagnostics, "fusion"), "the rival in the diagnostics", pause=0.1)
+        wait_for(lambda: node.text().count(rival) == 1, "the rival in the log")

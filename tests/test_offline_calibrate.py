@@ -48,6 +48,17 @@ def test_static_pixels_a_horizon_alike_all_around_is_no_body():
     assert static_pixels(turning_frames(slice(0, 0), horizon=True)).mean() < 0.01
 
 
+def test_static_pixels_the_edge_of_a_roof_is_no_body():
+    """A little further on it looks the same, so it stays as well as it turns away; and it does not go all around."""
+    scene, body = (80 + 40 * np.random.default_rng(seed).normal(size=(128, 256)) for seed in (2, 3))
+    scene[30:34, :90] += 300.0
+    frames = [np.concatenate([np.roll(scene, 20 * i, axis=1)[:100], body[100:]]).astype(np.float32) for i in range(4)]
+    assert static_pixels(frames)[20:44].mean() > 0.02
+    static = static_pixels(frames, np.radians(360.0 * 20 / 256 * np.arange(4)))
+    assert static[:92].mean() < 0.001
+    assert static[108:].mean() > 0.99
+
+
 def test_body_top_without_body_is_none():
     assert body_top(np.zeros((10, 10), bool)) is None
 

@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 import logging
-from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Literal
-
-from rosbags.highlevel import AnyReader
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from typing import Any
 
 from fusion.messages import MessageError
 from fusion.offline.atomic_output import scratch_folder
 from fusion.offline.bag_errors import OURS, explain, remedy
-from fusion.offline.bag_messages import VIDEOS, Message, Topic, stamp_of
+from fusion.offline.bag_files import BagFiles
+from fusion.offline.bag_messages import IMAGES, IMU, ODOMETRY, VIDEOS, Message, Topic, stamp_of
+from fusion.offline.bag_types import BagTypes
 from fusion.offline.metadata import contradictions
 from fusion.offline.storage import (
     MCAP,
@@ -25,8 +23,6 @@ from fusion.offline.storage import (
     WANTED,
     BagError,
     Workshop,
-    check_mcap,
-    check_sqlite,
     find_files,
     unpacked,
 )
@@ -37,6 +33,7 @@ __all__ = ["Bag", "BagError"]
 log = logging.getLogger(__name__)
 
 NEGLIGIBLE = 0.01  # of messages and of a bag's time; single messages are lost by any link
+CDR = "cdr"
 PAUSE = 5  # periods of the messages; a longer one is a gap
 
 
@@ -78,11 +75,10 @@ class Bag(AbstractContextManager["Bag"]):
         with ExitStack() as stack:
             workshop = Workshop(lambda: stack.enter_context(scratch_folder()))
             readable = [self._guarded(self._made_readable, workshop, file) for file in files]
-            self._standard = get_typestore(Stores.ROS1_NOETIC if readable[0].suffix == ROS1 else Stores.ROS2_JAZZY)
-            for msgtype, fields in VIDEOS.items():
-                self._standard.register(get_types_from_msg(fields, msgtype))
-            self._reader = self._guarded(self._open, readable)
-            stack.callback(self._reader.close)
+            self._is_ros2 = readable[0].suffix != ROS1
+            self._files: BagFiles = self._guarded(BagFiles, readable)
+            stack.callback(self._files.close)
+            self._types = BagTypes(self._files.connections, 2 if self._is_ros2 else 1)
             self.topics = self._guarded(self._count_topics)
             self._stack = stack.pop_all()
         for fault in (*faults, *workshop.faults):
@@ -90,7 +86,7 @@ class Bag(AbstractContextManager["Bag"]):
         if metadata is not None:
             counts = {topic.name: topic.count for topic in self.topics}
             types = {topic.name: topic.msgtype for topic in self.topics}
-            for fault in contradictions(metadata, counts, types, self.start_ns, int(self._reader.duration) - 1):
+            for fault in contradictions(metadata, counts, types, self.start_ns, self.end_ns - self.start_ns):
                 self._note(fault)
         return self
 
@@ -104,33 +100,23 @@ class Bag(AbstractContextManager["Bag"]):
         self._names[str(readable)] = file.name
         if readable.suffix not in (ROS1, MCAP, SQLITE):
             raise BagError(f"{file.name} holds no bag; {WANTED}")
-        if readable.suffix == SQLITE:
-            check_sqlite(readable)
-        elif readable.suffix == MCAP:
-            check_mcap(readable)
         return readable
 
-    def _open(self, files: Sequence[Path]) -> AnyReader:
-        reader = AnyReader(files, default_typestore=self._standard)
-        reader.open()
-        return reader
-
     def _count_topics(self) -> list[Topic]:
-        """Topics with the counts of the index, or, where it has none, of the messages."""
-        found = self._reader.topics
-        counts = {name: info.msgcount for name, info in found.items()}
-        if not any(counts.values()) and self._reader.message_count:
-            counts = Counter(connection.topic for connection, _, _ in self._reader.messages())
-        foreign = {c.topic: c.ext.serialization_format for c in self._reader.connections if not _is_cdr(c)}
-        if foreign and len(foreign) == len(found):
+        """Topics with the number of their messages; of those in a foreign encoding only what was looked for is told."""
+        found = self._files.connections
+        foreign = {c.topic: _encoding(c) for c in found if _encoding(c) != CDR}
+        if foreign and len(foreign) == len({c.topic for c in found}):
             raise BagError(f"its messages are encoded as {next(iter(foreign.values()))!r}; {OURS}")
-        for topic, encoding in foreign.items():
-            self._note(f"{topic} is encoded as {encoding!r}, which is not read")
-        return [
-            Topic(name, info.msgtype or "mixed types", counts.get(name, 0))
-            for name, info in found.items()
-            if name not in foreign
-        ]
+        topics = []
+        for name in sorted({c.topic for c in found}):
+            kinds = {c.msgtype for c in found if c.topic == name}
+            if name not in foreign:
+                count = sum(c.msgcount for c in found if c.topic == name)
+                topics.append(Topic(name, kinds.pop() if len(kinds) == 1 else "mixed types", count))
+            elif kinds & {IMU, ODOMETRY, *IMAGES}:
+                self._note(f"{name} is encoded as {foreign[name]!r}, which is not read")
+        return topics
 
     def _note(self, fault: str) -> None:
         """Remember what is wrong, and tell it once."""
@@ -141,19 +127,20 @@ class Bag(AbstractContextManager["Bag"]):
 
     def has_header(self, msgtype: str) -> bool:
         """Whether messages of this type begin with a ``std_msgs/Header``, or a stamp alone, and so have one."""
-        fields = self._reader.typestore.fielddefs.get(msgtype, ((), ()))[1]
-        return bool(fields) and (fields[0][0] == "header" or msgtype in VIDEOS)
+        return self._types.has_header(msgtype)
 
     def messages(self, *topics: str) -> Iterator[Message]:
         """Messages of the named topics, in the order of the bag."""
         connections = [
-            c for c in self._reader.connections if c.topic in topics and self.has_header(c.msgtype) and _is_cdr(c)
+            c
+            for c in self._files.connections
+            if c.topic in topics and self.has_header(c.msgtype) and _encoding(c) == CDR
         ]
         if not connections:
             return
-        for msgtype in {connection.msgtype for connection in connections}:
-            self._guarded(self._check_definition, msgtype)
-        recorded, seen, last_ns = self._reader.messages(connections), 0, self.start_ns
+        for connection in connections:
+            self._guarded(self._types.check, connection)
+        recorded, seen, last_ns = self._files.messages(connections), 0, self.start_ns
         while (item := self._guarded(next, recorded, None)) is not None:
             yield self._guarded(self._message, *item)
             seen, last_ns = seen + 1, max(last_ns, int(item[1]))
@@ -177,8 +164,8 @@ class Bag(AbstractContextManager["Bag"]):
         """The message; without content and stamp where it is too short or cannot be decompressed."""
         try:
             raw = unpacked(raw)
-            has_seq = not self._reader.is2 and "timestamp" in VIDEOS.get(connection.msgtype, "")
-            stamp_ns = stamp_of(b"\0\0\0\0" + bytes(raw[:8]) if has_seq else raw, self._reader.is2)
+            has_seq = not self._is_ros2 and "timestamp" in VIDEOS.get(connection.msgtype, "")
+            stamp_ns = stamp_of(b"\0\0\0\0" + bytes(raw[:8]) if has_seq else raw, self._is_ros2)
         except BagError:
             raise
         except Exception:  # bytes that are none of a message
@@ -188,12 +175,12 @@ class Bag(AbstractContextManager["Bag"]):
     @property
     def end_ns(self) -> int:
         """When the last message was recorded, ns."""
-        return self.start_ns + int(self._reader.duration)
+        return self._files.end_ns
 
     @property
     def start_ns(self) -> int:
         """When the recorder wrote the first message, ns."""
-        return int(self._reader.start_time)
+        return self._files.start_ns
 
     def replay(self, topics: Sequence[str], from_ns: int = 0) -> Iterator[Message]:
         """Messages of any type written at `from_ns` or later, as CDR: ready to be published in ROS 2.
@@ -201,15 +188,15 @@ class Bag(AbstractContextManager["Bag"]):
         Topics whose ROS 1 type has other fields in ROS 2 are left out. `Message.stamp_ns` is 0, as not every type
         has a stamp.
         """
-        converter = None if self._reader.is2 else Ros2Converter(self._reader.typestore)
+        converter = None if self._is_ros2 else Ros2Converter(self._types.all)
         connections = [
             connection
-            for connection in self._reader.connections
+            for connection in self._files.connections
             if connection.topic in topics and (converter is None or converter.convertible(connection.msgtype))
         ]
         if not connections:
             return
-        recorded = self._reader.messages(connections, start=max(from_ns, self.start_ns))
+        recorded = self._files.messages(connections, from_ns)
         while (item := self._guarded(next, recorded, None)) is not None:
             connection, record_ns, raw = item
             raw = self._guarded(unpacked, raw)
@@ -225,17 +212,11 @@ class Bag(AbstractContextManager["Bag"]):
             Its bytes are none of that type: damaged, empty or cut. The messages beside it may be sound.
         """
         try:
-            return self._reader.deserialize(message.raw, message.msgtype)
+            standard = self._types.standard
+            read = standard.deserialize_cdr if self._is_ros2 else standard.deserialize_ros1
+            return read(message.raw, message.msgtype)
         except Exception as error:  # hostile bytes are met with exceptions of every kind
             raise MessageError(f"damaged: no {message.msgtype.replace('/msg/', '/')} by its bytes") from error
-
-    def _check_definition(self, msgtype: str) -> None:
-        """Refuse a bag whose own definition of a standard type is another one: its fields would mean something else."""
-        ours, bags = self._standard, self._reader.typestore
-        if msgtype in ours.fielddefs:
-            version: Literal[1, 2] = 2 if self._reader.is2 else 1
-            if ours.generate_msgdef(msgtype, ros_version=version) != bags.generate_msgdef(msgtype, ros_version=version):
-                raise ValueError(f"its definition of {msgtype.replace('/msg/', '/')} is not the standard one")
 
     def _guarded(self, call: Callable[..., Any], *arguments: Any) -> Any:
         """Call into the bag library, whose parsers meet hostile bytes with exceptions of every kind."""
@@ -248,6 +229,6 @@ class Bag(AbstractContextManager["Bag"]):
             raise BagError(f"{self.path}: {explain(error, self.path, self._names)}") from error
 
 
-def _is_cdr(connection: Any) -> bool:
-    """Whether the messages are serialised as this system does it; in ROS 1 they all are."""
-    return getattr(connection.ext, "serialization_format", "cdr") == "cdr"
+def _encoding(connection: Any) -> str:
+    """How the messages are serialised; in ROS 1 there is one way."""
+    return str(getattr(connection.ext, "serialization_format", CDR))

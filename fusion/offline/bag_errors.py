@@ -8,8 +8,6 @@ from pathlib import Path
 from fusion.offline.storage import MCAP, ROS1, kind_of
 
 _CUT = ("truncated", "end magic", "index", "could not read", "expected", "malformed", "footer", "seek")
-# how other systems call their encodings where the library knows none but those of ROS 2
-_FOREIGN = ("ros1msg", "protobuf", "jsonschema", "flatbuffer", "json", "ros1", "cbor", "msgpack")
 _LONGEST = 120  # characters of what the library says
 OURS = "only those of ROS 2 (cdr, ros2msg or ros2idl) are read"
 
@@ -33,8 +31,6 @@ def explain(error: Exception, path: Path, names: Mapping[str, str]) -> str:
         detail = f"{detail[: _LONGEST - 4]} ..."
     if isinstance(error, OSError) and error.strerror:
         return f"cannot be read: {error.strerror}"
-    if isinstance(error, KeyError) and detail.strip("'") in _FOREIGN:
-        return f"its messages are encoded as {detail}; {OURS}"
     if "missing tables" in detail:
         return "an SQLite database, but no bag: it has no tables 'messages' and 'topics'"
     if path.name.endswith(".active"):

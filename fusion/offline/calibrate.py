@@ -37,7 +37,7 @@ from fusion.offline.image_files import SensorFiles
 from fusion.offline.mounting import MASK_COLUMNS, Mask, Panorama, static_pixels
 from fusion.offline.open_recording import open_recording
 from fusion.offline.run import fuse_recording
-from fusion.offline.scores import FUSED, YawTrack, yaw_tracks
+from fusion.offline.scores import FUSED, YawTrack, yaw_at, yaw_tracks
 from fusion.offline.streams import Frame
 from fusion.offline.topics import TopicRequest
 from fusion.settings import Settings
@@ -88,7 +88,9 @@ def calibrate_bag(
     if len(evidence.turned) < 6:
         turned = math.degrees(len(evidence.turned) * TURN_STEP)
         raise BagError(f"{path}: the robot turns by {turned:.0f} deg; calibration needs 120 and more, best a full turn")
-    static = static_pixels([_small(frame, settings.compass) for frame in evidence.turned])
+    yaws = yaw_at(shown, np.array([frame.t_ns for frame in evidence.turned]))
+    small = [_small(frame, settings.compass) for frame in evidence.turned]
+    static = static_pixels(small, yaws if settings.compass.is_full_panorama else None)
     region = region_findings(evidence, static, shown, settings.compass)
     mask = mask_finding(static, region, out, evidence.turned[0], settings.compass)
     findings = [*camera_findings(lenses, settings.compass), *region, mask, forward_finding(evidence, settings.compass)]

@@ -24,32 +24,44 @@ TEXTURE = 3.0  # grey values; what varies less in a window cannot be judged
 STATIC = 0.5  # correlation in place above that elsewhere
 
 
-def static_pixels(frames: Sequence[Panorama]) -> Mask:
+def static_pixels(frames: Sequence[Panorama], yaws: Floats | None = None) -> Mask:
     """Find the pixels that stay while the robot turns: its own body, mast and cables.
 
     In a small window around a pixel, frames of different yaw correlate where they show the robot, and do not where
-    they show the world. Things alike all around, as a horizon, correlate with a rolled frame as well and don't count.
+    they show the world. Things alike all around, as a horizon, correlate with a rolled frame as well and don't count;
+    nor does what correlates as well where the turn should have moved it, as the edge of a roof or of a road.
 
     Parameters
     ----------
     frames : sequence of (H, W) array of float32
         Same size, neighbours well over a window's width apart in yaw.
+    yaws : (N,) array, optional
+        Yaw of each frame, rad, left positive, where the columns are azimuths.
 
     Returns
     -------
     (H, W) array of bool
     """
     width = frames[0].shape[1]
-    in_place, elsewhere, texture = (np.zeros(frames[0].shape) for _ in range(3))
-    for one, other in itertools.pairwise(frames):
-        covariance, power = _covariance(one, other)
-        in_place += covariance
-        texture += power
-        for roll in ROLLS:
-            elsewhere += _covariance(one, np.roll(other, round(roll * width), axis=1))[0] / len(ROLLS)
+    in_place, texture = _alike(frames, [0] * len(frames))
+    elsewhere = sum(_alike(frames, [round(roll * width)] * len(frames))[0] for roll in ROLLS) / len(ROLLS)
     judged = texture > TEXTURE**2 * (len(frames) - 1)
     score = np.divide(in_place - elsewhere, texture, out=np.zeros_like(texture), where=judged)
-    return np.asarray(score > STATIC, np.bool_)
+    static = score > STATIC
+    if yaws is not None:
+        moved, power = _alike(frames, [round(-width * turn / math.tau) for turn in np.diff(yaws)])
+        static &= in_place * power > moved * texture  # of the two correlations the larger one
+    return np.asarray(static, np.bool_)
+
+
+def _alike(frames: Sequence[Panorama], rolls: Sequence[int]) -> tuple[Floats, Floats]:
+    """Sums of `_covariance` over neighbours, the later one rolled by so many columns."""
+    covariance, power = (np.zeros(frames[0].shape) for _ in range(2))
+    for (one, other), roll in zip(itertools.pairwise(frames), rolls, strict=False):
+        found = _covariance(one, np.roll(other, roll, axis=1))
+        covariance += found[0]
+        power += found[1]
+    return covariance, power
 
 
 def _covariance(one: Panorama, other: Panorama) -> tuple[Floats, Floats]:
