@@ -310,7 +310,7 @@ def test_help_needs_no_numerics():
     """Instant help is a matter of what is imported, which does not vary from machine to machine."""
     code = (
         "import sys; from fusion.offline.cli import main; main(['fuse', '--help']);"
-        "sys.exit(bool({'numpy', 'scipy', 'cv2', 'matplotlib', 'rosbags', 'rich', 'yaml'} & set(sys.modules)))"
+        "sys.exit(bool({'numpy', 'scipy', 'cv2', 'matplotlib', 'rosbags', 'mcap', 'rich', 'yaml'} & set(sys.modules)))"
     )
     assert subprocess.run([sys.executable, "-c", code], stdout=subprocess.DEVNULL, check=False).returncode == 0
 

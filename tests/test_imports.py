@@ -25,7 +25,7 @@ ROOMS = {
     "fusion/imu": {"numpy", "compass", "fusion"},
     "fusion/simulation": NUMERICS | {"compass", "fusion", "platformdirs"},
     "fusion/offline": NUMERICS
-    | {"compass", "fusion", "rosbags", "matplotlib", "click", "rich", "yaml"}
+    | {"compass", "fusion", "rosbags", "mcap", "matplotlib", "click", "rich", "yaml"}
     | {"fsspec", "pyarrow"},  # of the extra `cluster`, each where it is needed
     "fusion/offline/report": NUMERICS | {"compass", "fusion", "bokeh"},
 }
@@ -149,7 +149,7 @@ def test_imports_of_the_filter_take_what_somebody_has_imported_before():
 def test_imports_of_a_node_are_what_it_uses(node):
     """On the robot: no bags, no plots, no command line."""
     pytest.importorskip("rclpy", reason="rclpy is not installed: pip install '.[ros]'")
-    hidden = ["rosbags", "matplotlib", "click", "rich", "platformdirs", "fusion.offline", "fusion.simulation"]
+    hidden = ["rosbags", "mcap", "matplotlib", "click", "rich", "platformdirs", "fusion.offline", "fusion.simulation"]
     code = f"import sys\nfor name in {hidden!r}:\n    sys.modules[name] = None\nimport nodes.{node}\n"
     runs(code)
 

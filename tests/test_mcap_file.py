@@ -56,6 +56,7 @@ def write(
     schema: tuple[str, str | bytes] | None = None,
     foreign: tuple[str, str, bytes, str] | None = None,
     order: list[int] | None = None,
+    checksum: int = 0,
 ) -> Path:
     """An MCAP of one topic in one or (`per_chunk`: 0) no chunk, with a topic of a `foreign` schema beside it."""
     encoding, definition = schema or ("ros2msg", imu.definition)
@@ -77,7 +78,7 @@ def write(
         packed = PACK[compression](plain)
         size = struct.pack("<Q", len(packed))
         chunk = record(
-            6, struct.pack("<QQQI", min(times), max(times), len(plain), 0) + text(compression) + size + packed
+            6, struct.pack("<QQQI", min(times), max(times), len(plain), checksum) + text(compression) + size + packed
         )
         which = struct.pack("<HQ", 1, len(data)) if indexed else b""
         spans = struct.pack("<QQQQ", min(times), max(times), len(data), len(chunk))
@@ -203,6 +204,12 @@ def test_mcap_that_is_cut_while_it_is_read_is_refused(tmp_path, imu):
         os.truncate(path, 4000)
         with pytest.raises(BagError, match="truncated"):
             list(messages)
+
+
+@pytest.mark.parametrize("summary", ["all", "index"])
+def test_mcap_whose_chunks_are_not_what_their_checksums_say_is_refused(tmp_path, imu, summary):
+    with pytest.raises(BagError, match=r"damaged .*crc"):
+        numbers(write(tmp_path / "x.mcap", imu, per_chunk=7, checksum=1, summary=summary))
 
 
 def test_mcap_damaged_anywhere_is_read_or_refused_in_words(tmp_path, imu):

@@ -31,6 +31,7 @@ KEYS = {
     "matplotlib": "python3-matplotlib",
     "filterpy": "python3-filterpy-pip",
     "rosbags": "python3-rosbags-pip",
+    "mcap": "mcap-ros2-support",
     "tf2_ros": "tf2_ros_py",
 }
 
@@ -68,7 +69,7 @@ def test_manifest_s_keys_of_the_nodes_are_all_that_the_nodes_import():
     """Without those of bags (see `test_imports_of_a_node_are_what_it_uses`); one is from pip."""
     always = {element.text for element in manifest().iter("exec_depend") if element.get("condition") is None}
     assert {key for key in always if key.endswith("-pip")} == {KEYS["filterpy"]}
-    assert not always & {KEYS[name] for name in ("rosbags", "click", "rich", "matplotlib", "platformdirs")}
+    assert not always & {KEYS[name] for name in ("rosbags", "mcap", "click", "rich", "matplotlib", "platformdirs")}
 
 
 def test_colcon_finds_that_pytest_runs_the_tests():

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import errno
 from collections.abc import Mapping
 from pathlib import Path
 
 from fusion.offline.storage import MCAP, ROS1, kind_of
 
-_CUT = ("truncated", "end magic", "index", "could not read", "expected", "malformed", "footer", "seek")
+_CUT = ("truncated", "end magic", "endoffile", "index", "could not read", "expected", "malformed", "footer", "seek")
 _LONGEST = 120  # characters of what the library says
 OURS = "only those of ROS 2 (cdr, ros2msg or ros2idl) are read"
 
@@ -29,7 +30,7 @@ def explain(error: Exception, path: Path, names: Mapping[str, str]) -> str:
         detail = detail.replace(readable, name)
     if len(detail) > _LONGEST:  # some quote all definitions of a bag
         detail = f"{detail[: _LONGEST - 4]} ..."
-    if isinstance(error, OSError) and error.strerror:
+    if isinstance(error, OSError) and error.strerror and error.errno != errno.EINVAL:  # a place beyond all files
         return f"cannot be read: {error.strerror}"
     if "missing tables" in detail:
         return "an SQLite database, but no bag: it has no tables 'messages' and 'topics'"

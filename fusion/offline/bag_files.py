@@ -1,7 +1,7 @@
 """The files of a bag as one: what is in them, and their messages by the time of recording.
 
-Of ROS 1 the bag library reads them. Of ROS 2 it refuses a whole bag for a definition, a hash or an encoding of a topic
-that nobody asked for, and an MCAP whose messages are not by time.
+Those of ROS 1 are read by `rosbags`. Of ROS 2 it refuses a whole bag for a definition, a hash or an encoding of a topic
+that nobody asked for, and an MCAP whose messages are not by time: hence `mcap`, and sqlite3 by statements of our own.
 """
 
 from __future__ import annotations

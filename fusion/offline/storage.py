@@ -254,11 +254,6 @@ def zstd() -> Any:
     raise BagError("bags compressed by Zstandard need one of the Python packages backports.zstd and zstandard")
 
 
-def lz4() -> Any:
-    """The module of LZ4, which the bag library brings along."""
-    return importlib.import_module("lz4.frame")
-
-
 def unpacked(raw: Any) -> Any:
     """A serialised message, decompressed where the recorder compressed each one: CDR never begins like that."""
     return zstd().decompress(bytes(raw)) if bytes(raw[:4]) == b"\x28\xb5\x2f\xfd" else raw
