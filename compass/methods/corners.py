@@ -214,7 +214,7 @@ def _problem(
 
 
 def _judged(key: Keyframe, tracks: Tracks, fit: Fit, problem: Problem, match: Match) -> Match:
-    """The turn of a motion, its variance, and whether it is an answer."""
+    """The turn of a motion, its variance, and whether it is an answer; one that is badly known is noted as doubtful."""
     px = problem.per_column
     yaw, tilt_x, tilt_y = fit.states[0, ROTATION].tolist()
     variance = yaw_variance(fit, sectors_of(tracks.at, tracks.columns), key.motion.travels) / px**2
