@@ -212,6 +212,13 @@ def test_mcap_whose_chunks_are_not_what_their_checksums_say_is_refused(tmp_path,
         numbers(write(tmp_path / "x.mcap", imu, per_chunk=7, checksum=1, summary=summary))
 
 
+def test_mcap_of_a_compression_that_is_not_read_names_it(tmp_path, imu):
+    path = write(tmp_path / "x.mcap", imu, per_chunk=7, compression="zstd")
+    path.write_bytes(path.read_bytes().replace(b"\4\0\0\0zstd", b"\4\0\0\0brot"))
+    with pytest.raises(BagError, match=r"compressed by 'brot'; only lz4 and zstd are read"):
+        numbers(path)
+
+
 def test_mcap_damaged_anywhere_is_read_or_refused_in_words(tmp_path, imu):
     """With any four bytes of it overwritten."""
     draw = random.Random(2)

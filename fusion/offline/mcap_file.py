@@ -43,7 +43,7 @@ class McapFile:
     Raises
     ------
     BagError
-        It was made by another system.
+        It was made by another system, or compressed otherwise than the library reads.
     McapError, ValueError
         It is truncated or damaged.
     """
@@ -59,6 +59,7 @@ class McapFile:
             if self._file.read() != MCAP0_MAGIC:
                 raise ValueError("truncated: its end magic is missing")
             self._summary = self._reader.get_summary() or Summary()
+            _check_compression({chunk.compression for chunk in self._summary.chunk_indexes})
             self._complete(self._summary)
         except BaseException:
             self.close()
@@ -135,3 +136,9 @@ def _check_profile(profile: str) -> None:
         raise BagError("an MCAP of ROS 1 messages (profile 'ros1'); only those of ROS 2 are read: give the .bag itself")
     if profile not in ("ros2", ""):
         raise BagError(f"an MCAP of another system (profile {profile!r}); only those of ROS 2 are read")
+
+
+def _check_compression(compressions: set[str]) -> None:
+    """Refuse what the library would take for damaged."""
+    if unread := compressions - {"", "lz4", "zstd"}:
+        raise BagError(f"an MCAP whose chunks are compressed by {min(unread)!r}; only lz4 and zstd are read")
