@@ -31,8 +31,7 @@ class Motion:
     is_unknown : bool
         Whether there was no image yet.
     doubtful : bool
-        Whether another motion may explain the last image's corners better: they err by more than those of the image
-        before, and many fit to none; or the turn is badly known.
+        Whether the corners of the last image err by more than those of the image before, and many fit to no motion.
     """
 
     start: Start

@@ -29,8 +29,8 @@ from compass.methods.match import Match, Search
 from compass.methods.sector_median import match_small
 
 # A deviation beyond it: no motion explains the corners, they show another place. Photographs that are pushed sideways
-# only err by 0.068 deg in 52 of 54 with it, by 0.081 in all with 0.36 (docs/lab-notes/constants-2026-11-30.md).
-UNRELATED_PX = 0.3
+# only err by 0.068 deg in 44 of 54 with it, by 0.106 in all without (docs/lab-notes/constants-2026-11-29.md).
+UNRELATED_PX = 0.18
 
 
 @dataclass(slots=True, eq=False)
@@ -214,15 +214,13 @@ def _problem(
 
 
 def _judged(key: Keyframe, tracks: Tracks, fit: Fit, problem: Problem, match: Match) -> Match:
-    """The turn of a motion, its variance, and whether it is an answer; one that is badly known is noted as doubtful."""
+    """The turn of a motion, its variance, and whether it is an answer."""
     px = problem.per_column
     yaw, tilt_x, tilt_y = fit.states[0, ROTATION].tolist()
     variance = yaw_variance(fit, sectors_of(tracks.at, tracks.columns), key.motion.travels) / px**2
     if not key.motion.travels:
         variance += FLOOR_PX**2
     status = match.status
-    if variance > (0.5 * UNRELATED_PX) ** 2:  # so may one of several motions err that nearly all corners fit to
-        key.motion.doubtful = True
     if variance > UNRELATED_PX**2 or fit.inlier.sum() < FEWEST:
         status = CompassStatus.LOW_CONFIDENCE
     variance += (tilt_error(key.picture.strip, (tilt_x, tilt_y)) / px) ** 2
