@@ -28,8 +28,8 @@ def gate_figures(report: SensorReport | None) -> dict[str, str]:
 def state_figures(sensor: Sensor, state: FilterState) -> dict[str, str]:
     """What the filter has found out about a sensor."""
     if sensor is Sensor.COMPASS:
-        stray = 1e3 * math.sqrt(state.jitter.variance)
-        return {"references lost": str(state.references_lost), "stamps stray by [ms]": f"{stray:.1f}"}
+        jitter_ms = 1e3 * math.sqrt(state.jitter.variance)
+        return {"references lost": str(state.references_lost), "timestamp jitter [ms]": f"{jitter_ms:.1f}"}
     if sensor is Sensor.TRACKS:
         voice = state.odometry_fields
         spoken = [name for name, spoke in (("pose", voice.pose), ("twist", voice.twist)) if spoke]

@@ -11,7 +11,7 @@ from reported_bags import Imu, Picture, changed, messages, write
 from tiny_bags import START_NS, TinyBag
 
 from compass import CompassConfig
-from fusion.offline import first_look
+from fusion.offline import first_minute
 from fusion.offline.bag import BagError
 from fusion.offline.inspect import draw_region, inspect_bag, timing
 from fusion.settings import Settings
@@ -209,6 +209,6 @@ def test_inspect_names_what_fuse_would_find_in_the_first_minute(tmp_path, shape)
 
 
 def test_inspect_looks_no_longer_than_at_the_first_images(tmp_path, monkeypatch):
-    monkeypatch.setattr(first_look, "MOST_IMAGES", 10)  # of 1.2 s, in which nothing turns
+    monkeypatch.setattr(first_minute, "MOST_IMAGES", 10)  # of 1.2 s, in which nothing turns
     change, _ = SHAPES["mirrored"]
     assert "problem" not in inspect_bag(write(tmp_path / "b", changed(messages(), change)), Settings())

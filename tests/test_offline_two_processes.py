@@ -23,7 +23,7 @@ from fusion.offline import compass_process, fuse, fuse_bag
 from fusion.offline.cli import main
 from fusion.offline.compass_process import MOST_AHEAD, CompassProcess, can_have_process
 from fusion.offline.decode import NICER, decode_ahead
-from fusion.offline.looks import Looks
+from fusion.offline.image_results import ImageResults
 from fusion.offline.run import fuse_recording
 from fusion.offline.streams import Frame, GyroTrack, OdometryTrack
 from fusion.settings import Settings
@@ -108,7 +108,7 @@ def test_run_with_two_processes_is_the_same_to_the_bit():
     here = fuse_recording(FaultyRecording(), Settings())
     with CompassProcess(Settings().compass) as process:
         recording = FaultyRecording()
-        elsewhere = fuse_recording(recording, Settings(), looks=Looks(recording, Settings(), process.see))
+        elsewhere = fuse_recording(recording, Settings(), results=ImageResults(recording, Settings(), process.measure))
     assert len({row.warnings for row in here.rows}) > 8
     assert here.compass_counts[CompassStatus.SIZE_CHANGED] == here.compass_counts[CompassStatus.BACKWARD_STAMP] == 1
     for name in ("rows", "compass_counts", "mount", "fusion_counts", "gates", "warnings"):
@@ -126,27 +126,27 @@ def test_looks_are_what_the_pipeline_sees_that_is_given_all_by_its_stamp(delay):
             expected.append((increment, pipeline.compass.status, pipeline.compass.yaw_variance))
         else:
             pipeline.add(event)
-    looks = Looks(recording, settings)
-    assert [(look.increment, look.status, look.yaw_variance) for look in looks] == expected
-    assert looks.counts == pipeline.compass.counts
+    results = ImageResults(recording, settings)
+    assert [(result.increment, result.status, result.yaw_variance) for result in results] == expected
+    assert results.counts == pipeline.compass.counts
 
 
 @pytest.mark.parametrize("images", [0, 1, MOST_AHEAD, 40])
 def test_looks_that_began_early_are_the_same(images):
     recording, busy = FaultyRecording(images), iter([True] * 25)
-    plain = list(Looks(recording, Settings()))
+    plain = list(ImageResults(recording, Settings()))
     with CompassProcess(Settings().compass) as process:
-        looks = Looks(recording, Settings(), process.see)
-        looks.look_ahead_while(lambda: next(busy, False))
-        assert list(looks) == plain
-    assert sum(looks.counts.values()) == images
+        results = ImageResults(recording, Settings(), process.measure)
+        results.measure_ahead_while(lambda: next(busy, False))
+        assert list(results) == plain
+    assert sum(results.counts.values()) == images
 
 
 def test_panoramas_are_not_read_far_ahead():
     read = []
     frames = ((read.append(one), (one, None))[1] for one in FaultyRecording(60).frames())
     with CompassProcess(CompassConfig()) as process:
-        for taken, _ in enumerate(islice(process.see(frames), 30), start=1):
+        for taken, _ in enumerate(islice(process.measure(frames), 30), start=1):
             assert len(read) <= taken + MOST_AHEAD
 
 
@@ -204,10 +204,10 @@ def test_library_has_two_processes(long_bag, started):
 def test_error_of_the_compass_is_raised_here():
     image = TinyDrive().panorama(0.0)
     with CompassProcess(CompassConfig()) as process, pytest.raises(ImageError, match="4, 4, 4"):
-        list(Looks(still([image, np.zeros((4, 4, 4, 4), np.uint8)]), Settings(), process.see))
+        list(ImageResults(still([image, np.zeros((4, 4, 4, 4), np.uint8)]), Settings(), process.measure))
     config = dataclasses.replace(CompassConfig(), mask="/none/mask.png")
     with CompassProcess(config) as process, pytest.raises(ConfigError, match=r"/none/mask\.png"):
-        list(Looks(still([image]), Settings(), process.see))
+        list(ImageResults(still([image]), Settings(), process.measure))
 
 
 def test_process_that_is_killed_is_one_line(long_bag, tmp_path, capsys, monkeypatch, started):
@@ -232,7 +232,7 @@ def test_process_ends_with_the_run_however_that_ends():
 
     recording, settings = FaultyRecording(), Settings()
     with pytest.raises(ZeroDivisionError), CompassProcess(settings.compass) as process:
-        fuse_recording(recording, settings, fail, Looks(recording, settings, process.see))
+        fuse_recording(recording, settings, fail, ImageResults(recording, settings, process.measure))
     assert process._process.poll() == -signal.SIGKILL
 
 
@@ -249,7 +249,7 @@ def test_decoding_gives_way_and_nothing_else_does():
 def test_process_ends_by_itself_when_the_other_is_gone():
     process = CompassProcess(CompassConfig())
     with process:
-        next(process.see((frame, None) for frame in FaultyRecording().frames()))
+        next(process.measure((frame, None) for frame in FaultyRecording().frames()))
         process._connection.close()  # as the kernel does for one that is killed
         assert process._process.wait(60) == 0
 

@@ -1,6 +1,6 @@
 """The compass in a process of its own, some panoramas ahead of the filter: so one run keeps two cores busy.
 
-The panoramas lie in memory that both processes share; stamps go to the one, looks come back from it.
+The panoramas lie in memory that both processes share; stamps go to the one, results come back from it.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from compass import CompassConfig, VisualCompassError
 from compass.methods.registry import OURS
 from compass.tilt import Vector
 from fusion.offline.garbage import collect_seldom
-from fusion.offline.looks import Look, Upright, seen_by
+from fusion.offline.image_results import ImageResult, Upright, measured_by
 from fusion.offline.streams import Frame
 
 WORTH_IT = 200  # panoramas; of fewer a compass here has seen many by the time that another process has started
@@ -48,7 +48,7 @@ def can_have_process(config: CompassConfig, panoramas: int) -> bool:
 
 
 class CompassProcess(AbstractContextManager["CompassProcess"]):
-    """A compass elsewhere, as `seen_by` gives one here; the process ends with the ``with`` statement.
+    """A compass elsewhere, as `measured_by` gives one here; the process ends with the ``with`` statement.
 
     Parameters
     ----------
@@ -88,8 +88,8 @@ class CompassProcess(AbstractContextManager["CompassProcess"]):
         self._connection.close()
         os.close(self._memory)
 
-    def see(self, frames: Iterable[Upright]) -> Iterator[Look]:
-        """Looks at panoramas, of which some are under way.
+    def measure(self, frames: Iterable[Upright]) -> Iterator[ImageResult]:
+        """Results of panoramas, of which some are under way.
 
         Raises
         ------
@@ -125,10 +125,10 @@ class CompassProcess(AbstractContextManager["CompassProcess"]):
         self._sent += 1
 
     def _tell(self, what: object) -> None:
-        with suppress(OSError):  # dead by now: heard when a look is asked for
+        with suppress(OSError):  # dead by now: heard when a result is asked for
             self._connection.send(what)
 
-    def _receive(self) -> Look:
+    def _receive(self) -> ImageResult:
         try:
             found = self._connection.recv()
         except (EOFError, OSError):
@@ -136,8 +136,8 @@ class CompassProcess(AbstractContextManager["CompassProcess"]):
         self._received += 1
         if isinstance(found, BaseException):
             raise found
-        look: Look = found
-        return look
+        result: ImageResult = found
+        return result
 
 
 def ended(exitcode: int | None, remedy: str = "") -> str:
@@ -149,13 +149,13 @@ def ended(exitcode: int | None, remedy: str = "") -> str:
 
 
 def serve(connection_fd: str, memory_fd: str) -> None:
-    """In the child: look at panoramas until the parent has gone."""
+    """In the child: measure panoramas until the parent has gone."""
     collect_seldom()
     connection, memory = Connection(int(connection_fd)), int(memory_fd)
     with suppress(EOFError, ConnectionError):
         try:
-            for look in seen_by(connection.recv())(_shared(connection, memory)):
-                connection.send(look)
+            for result in measured_by(connection.recv())(_shared(connection, memory)):
+                connection.send(result)
         except VisualCompassError as error:
             connection.send(error)
 

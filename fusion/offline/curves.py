@@ -42,16 +42,16 @@ def true_errors(run: FusedRun) -> dict[str, YawTrack]:
 
 
 def differences(run: FusedRun) -> dict[str, YawTrack]:
-    """How far each source strays from the fused yaw, rad; empty without one, or beside nothing else."""
+    """How far each source deviates from the fused yaw, rad; empty without one, or beside nothing else."""
     tracks = yaw_tracks(run)
     if FUSED not in tracks or len(tracks) < 2:
         return {}
     fused = tracks.pop(FUSED)
-    strayed = {FUSED: YawTrack(fused.t_ns, np.zeros(fused.t_ns.size), fused.sigma)}
+    differing = {FUSED: YawTrack(fused.t_ns, np.zeros(fused.t_ns.size), fused.sigma)}
     for name, track in tracks.items():
         difference = track.yaw - yaw_at(fused, track.t_ns)
-        strayed[name] = YawTrack(track.t_ns, difference - first(difference))
-    return strayed
+        differing[name] = YawTrack(track.t_ns, difference - first(difference))
+    return differing
 
 
 def confidences(run: FusedRun) -> Curve:

@@ -20,8 +20,8 @@ from fusion.offline.console import progress_bar
 from fusion.offline.crop import cropped
 from fusion.offline.earlier_results import OPTIONAL, check_place, settings_hash
 from fusion.offline.image_files import SensorFiles
+from fusion.offline.image_results import ImageResults
 from fusion.offline.loading import load_in_turn
-from fusion.offline.looks import Looks
 from fusion.offline.open_recording import Opened, open_recording
 from fusion.offline.plot import LIBRARY, plot_run
 from fusion.offline.recording import BagRecording
@@ -153,20 +153,20 @@ def fuse_opened(
         It is damaged, or none of its samples can be used.
     """
     with ExitStack() as stack:
-        see = None
+        measure = None
         if two_processes and can_have_process(used.compass, opened.panoramas):
-            see = stack.enter_context(CompassProcess(used.compass)).see
+            measure = stack.enter_context(CompassProcess(used.compass)).measure
         with _shown("reading samples", progress, 0.0, 0.1) as part:
             recording = cropped(opened.read(part), used.offline)
         bottom = 1.0
         if isinstance(recording, BagRecording) and not whole:
             bottom = recording.bottom = rows_used(used.compass)
         watched = Thumbnails(recording, bottom)
-        looks = Looks(watched, used, see)
-        if see is not None:
-            looks.look_ahead_while(load_in_turn("fusion.pipeline", *load))
+        results = ImageResults(watched, used, measure)
+        if measure is not None:
+            results.measure_ahead_while(load_in_turn("fusion.pipeline", *load))
         with _shown("fusing", progress, 0.1, 1.0) as part:
-            run = fuse_recording(watched, used, part, looks)
+            run = fuse_recording(watched, used, part, results)
     if not run.rows:
         raise BagError(f"{path}: no sample was usable: {_reasons(recording.dropped + run.fusion_counts)}")
     if used.offline.smooth:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import gc
 
-# Samples, states, rows and looks by the hundred thousand refer to each other in no circle: a collector that walks
+# Samples, states, rows and results by the hundred thousand refer to each other in no circle: a collector that walks
 # through them after every 700 new objects, as is the default, finds nothing, and takes 8 % of the compass's time.
 _OBJECTS = 50_000
 

@@ -23,7 +23,7 @@ from fusion.offline.bag import Bag, BagError
 from fusion.offline.bag_messages import IMAGES, IMU, ODOMETRY, Message, Topic
 from fusion.offline.clock_steps import YEAR_2200_NS
 from fusion.offline.console import progress_bar, table
-from fusion.offline.first_look import first_look
+from fusion.offline.first_minute import first_minute
 from fusion.offline.streams import Floats, Times
 from fusion.offline.topics import TopicRequest, choose_topics, is_depth
 from fusion.pictures import PictureStream
@@ -109,7 +109,7 @@ def inspect_bag(
         timings = _timings(bag)
         lines = [table(_HEADER, [_line(topic, timings.get(topic.name)) for topic in bag.topics], 2)]
         lines += ["", *_images(bag, settings.compass), *_roles(bag, settings, request)]
-        found = [*problems(bag.topics, timings), *first_look(bag, settings, request)]
+        found = [*problems(bag.topics, timings), *first_minute(bag, settings, request)]
         lines += [f"problem: {' '.join(problem.split())}" for problem in (*bag.faults, *found)]
         if roi_preview is not None:
             topic = choose_topics(bag, settings.topics, request).image

@@ -11,7 +11,7 @@ import cv2
 from compass.errors import VisualCompassError
 from fusion.offline.atomic_output import staged_file
 from fusion.offline.console import progress_bar
-from fusion.offline.first_look import LENGTH_NS, MOST_IMAGES, Beginning
+from fusion.offline.first_minute import LENGTH_NS, MOST_IMAGES, Beginning
 from fusion.offline.image_files import EMBEDDED, Images, SensorFiles, read_image_recording
 from fusion.offline.inspect import as_panorama, draw_region, usual_shape
 from fusion.offline.run import fuse_recording

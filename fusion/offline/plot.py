@@ -134,7 +134,7 @@ def _errors(axis: Axes, run: FusedRun, clock: _Clock) -> None:
 
 
 def _differences(axis: Axes, run: FusedRun, clock: _Clock) -> None:
-    """Without truth: how far each source strays from the fused yaw."""
+    """Without truth: how far each source deviates from the fused yaw."""
     _deviations(axis, differences(run), clock)
     axis.set_ylabel("difference [deg]\nto fused yaw")
 

@@ -19,7 +19,7 @@ from fusion.checks.gate import SensorReport
 from fusion.checks.silence import SILENT_NS
 from fusion.checks.warnings import Warning
 from fusion.compass_rate import CompassRate
-from fusion.offline.looks import Look, Looks
+from fusion.offline.image_results import ImageResult, ImageResults
 from fusion.offline.streams import GyroTrack, OdometryTrack, Progress, Recording, TruthTrack
 from fusion.offline.warning_history import Warned, WarningHistory
 from fusion.samples import GyroSample, OdometrySample, YawEstimate
@@ -131,19 +131,22 @@ class FusedRun:
 
 
 def fuse_recording(
-    recording: Recording, settings: Settings, progress: Progress = lambda part: None, looks: Looks | None = None
+    recording: Recording,
+    settings: Settings,
+    progress: Progress = lambda part: None,
+    results: ImageResults | None = None,
 ) -> FusedRun:
-    """Run a recording through compass and filter, every sample at its stamp; `looks` may have begun already."""
-    looks = looks or Looks(recording, settings)
+    """Run a recording through compass and filter, every sample at its stamp; `results` may have begun already."""
+    results = results or ImageResults(recording, settings)
     run = _Run(settings)
-    run.pipeline.warning_sources.append(lambda: looks.warnings)
+    run.pipeline.warning_sources.append(lambda: results.warnings)
     total = recording.gyro.t_ns.size + recording.odometry.t_ns.size + recording.frame_count
-    for count, event in enumerate(_events(recording, looks)):
+    for count, event in enumerate(_events(recording, results)):
         run.take(event)
         progress(count / total)
     warnings = run.close()
     progress(1.0)
-    images = looks.counts, looks.mount
+    images = results.counts, results.mount
     gates = run.reports()
     tracks = recording.gyro, recording.odometry, recording.truth
     return FusedRun(
@@ -161,12 +164,12 @@ def smooth_run(run: FusedRun, settings: Settings) -> None:
     run.rows = [replace(row, smoothed=smoothed.get(row.t_ns)) for row in run.rows]
 
 
-Event = GyroSample | OdometrySample | Look
+Event = GyroSample | OdometrySample | ImageResult
 
 
-def _events(recording: Recording, looks: Looks) -> Iterator[Event]:
+def _events(recording: Recording, results: ImageResults) -> Iterator[Event]:
     """All samples by stamp; at equal stamps the image comes last and so sees all that is known of its time."""
-    streams = (recording.gyro.samples(), recording.odometry.samples(), looks)
+    streams = (recording.gyro.samples(), recording.odometry.samples(), results)
     return heapq.merge(*streams, key=attrgetter("t_ns"))
 
 
@@ -188,7 +191,7 @@ class _Run:
 
     def take(self, event: Event) -> None:
         """Feed one event and note a row where one is due."""
-        if isinstance(event, Look):
+        if isinstance(event, ImageResult):
             first = event.status is CompassStatus.FIRST_FRAME and all(row.compass is None for row in self.rows)
             self._only_image_ns = event.t_ns if first else None
             self._note(event.t_ns, self._read(event))
@@ -218,15 +221,15 @@ class _Run:
         """How the samples of each sensor that has given any fared at the gate so far."""
         return {sensor: report for sensor, report in self.pipeline.fusion.reports().items() if report}
 
-    def _read(self, look: Look) -> CompassReading:
-        self._image_warnings = look.warnings
-        for one in look.increments():
+    def _read(self, result: ImageResult) -> CompassReading:
+        self._image_warnings = result.warnings
+        for one in result.increments():
             self.pipeline.add(one)
-        if look.increment is None:
-            return CompassReading(look.status)
-        rate, variance = self._rate.update(look.increment)
-        sigma = math.sqrt(look.yaw_variance)
-        return CompassReading(look.status, look.increment, look.yaw, sigma, rate, variance, look.long_baseline)
+        if result.increment is None:
+            return CompassReading(result.status)
+        rate, variance = self._rate.update(result.increment)
+        sigma = math.sqrt(result.yaw_variance)
+        return CompassReading(result.status, result.increment, result.yaw, sigma, rate, variance, result.long_baseline)
 
     def _note(self, t_ns: int, reading: CompassReading | None) -> None:
         reports = self.reports()

@@ -28,7 +28,7 @@ from fusion.offline.warning_history import Warned
 VERSION = 1  # of the keys; grows when one changes its meaning or goes
 KNOWN_DELAY = 0.005  # s, standard deviation of a camera delay that was learnt
 MOST_LINES = 5  # warnings on the screen; more than a handful is not read
-SMALL_DELAY = 0.005  # s, as much as stamps stray anyway
+SMALL_DELAY = 0.005  # s, as much as timestamps jitter anyway
 SMALL_MOUNT = 5.0  # deg; turns about an axis that is so askew are seen too small by 1.4 deg in each circle
 SMALL_TILT = 8.0  # deg; such a tilt changes a heading by 0.3 deg
 

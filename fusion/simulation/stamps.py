@@ -18,15 +18,15 @@ class StampModel:
     ----------
     latest : float
         A drive's images are stamped late by anything up to this, s, every time alike.
-    stray : tuple of float
-        Least and greatest standard deviation by which its stamps stray beside, s: microseconds where hardware triggers,
+    jitter : tuple of float
+        Least and greatest standard deviation by which they jitter besides, s: microseconds where hardware triggers,
         milliseconds where a busy computer notes the arrival.
     """
 
     latest: float = 0.04
-    stray: tuple[float, float] = (1e-5, 3e-3)
+    jitter: tuple[float, float] = (1e-5, 3e-3)
 
     def stamp(self, exposed: Floats, rng: np.random.Generator) -> Floats:
-        """Stamps, s, of images exposed at the times `exposed`, s; they stray by four deviations at most."""
-        delay, stray = rng.uniform(0.0, self.latest), np.exp(rng.uniform(*np.log(self.stray)))
-        return np.asarray(exposed + delay + stray * np.clip(rng.standard_normal(exposed.size), -4.0, 4.0))
+        """Stamps, s, of images exposed at the times `exposed`, s; they jitter by four deviations at most."""
+        delay, jitter = rng.uniform(0.0, self.latest), np.exp(rng.uniform(*np.log(self.jitter)))
+        return np.asarray(exposed + delay + jitter * np.clip(rng.standard_normal(exposed.size), -4.0, 4.0))

@@ -27,7 +27,9 @@ if TYPE_CHECKING:
 
 PITCH_SIGMAS = 10.0  # of a gyro that nobody has calibrated: more is no bias, but a pitch; not derived
 VAGUE_FACTOR = 100.0  # times the noise of a gyro sample; from one of that a turn of 1 rad/s would not stand out
-TOLD = 9.0  # times the variance of a sample: three deviations, as its noise is more once in 370 times; not derived
+SURELY_TURNING = (
+    9.0  # times the variance of a sample: three deviations, as its noise is more once in 370 times; not derived
+)
 
 
 class GyroUpdate:
@@ -191,7 +193,7 @@ def gyro_measurement(
     x = ekf.x
     rate, gain = float(x[State.RATE]), 1.0 + float(x[State.GYRO_SCALE])
     R = ekf.config.gyro_sigma**2 if variance is None else variance
-    turning = rate - TOLD * R / rate if scale_observable and rate**2 > TOLD * R else 0.0
+    turning = rate - SURELY_TURNING * R / rate if scale_observable and rate**2 > SURELY_TURNING * R else 0.0
     H = np.zeros((1, DIM))
     H[0, State.RATE], H[0, State.BIAS], H[0, State.GYRO_SCALE] = gain, 1.0, turning
     return Measurement(yaw_rate - gain * rate - float(x[State.BIAS]), H, R, consider=(State.GYRO_SCALE,))

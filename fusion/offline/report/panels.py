@@ -129,9 +129,9 @@ def panels_of(run: FusedRun) -> list[Figure]:
     panels = Panels(run)
     _yaws(panels, run)
     errors = curves.true_errors(run)
-    strayed = errors or curves.differences(run)
-    if strayed:
-        _deviations(panels, strayed, "error [deg]" if errors else "difference to fused [deg]")
+    differing = errors or curves.differences(run)
+    if differing:
+        _deviations(panels, differing, "error [deg]" if errors else "difference to fused [deg]")
     _sigmas(panels, run)
     if any(row.compass for row in run.rows):
         _confidence(panels, run)

@@ -22,15 +22,15 @@ from fusion.samples import GyroSample
 if TYPE_CHECKING:
     from fusion.settings import Settings
 
-# Looks that are taken at a time, as the filter finds its cache cold after each wait. One by one it takes 1.16 times as
-# much processor time, a run 1.02 times (docs/lab-notes/bursts-2026-11-30.md).
+# Results that are taken at a time, as the filter finds its cache cold after each wait. One by one it takes 1.16 times
+# as much processor time, a run 1.02 times (docs/lab-notes/bursts-2026-11-30.md).
 BURST = 8
 
 Upright = tuple[Frame, Vector | None]  # a panorama, and the vertical in the robot's frame, where it is known
 
 
 @dataclass(frozen=True, slots=True)
-class Look:
+class ImageResult:
     """What the compass made of one panorama.
 
     Attributes
@@ -63,40 +63,40 @@ class Look:
         return [one for one in (self.increment, self.long_baseline) if one is not None]
 
 
-See = Callable[[Iterable[Upright]], Iterator[Look]]
+Measure = Callable[[Iterable[Upright]], Iterator[ImageResult]]
 
 
-def seen_by(config: CompassConfig) -> See:
+def measured_by(config: CompassConfig) -> Measure:
     """A compass that is given the vertical with each panorama."""
     from compass import VisualCompass  # type: ignore[attr-defined,unused-ignore]
 
     vertical: Vector | None = None
     compass = VisualCompass(config, lambda t_ns: vertical)
 
-    def see(frames: Iterable[Upright]) -> Iterator[Look]:
+    def measure(frames: Iterable[Upright]) -> Iterator[ImageResult]:
         nonlocal vertical
         for frame, up in frames:
             vertical = up
             increment = compass.update(frame.t_ns, frame.image, frame.encoding)
             long_baseline, warnings = compass.long_baseline(), tuple(image_warnings(compass))
             found = increment, long_baseline, compass.yaw, compass.yaw_variance
-            yield Look(frame.t_ns, compass.status, *found, warnings, compass.mount)
+            yield ImageResult(frame.t_ns, compass.status, *found, warnings, compass.mount)
 
-    return see
+    return measure
 
 
-class Looks:
-    """The looks at a recording's panoramas by their stamps; it may be gone through once.
+class ImageResults:
+    """The results of a recording's panoramas by their stamps; it may be gone through once.
 
-    They do not depend on the filter, so that `see` may be ahead of whoever takes them, by some looks at least.
+    They do not depend on the filter, so that `measure` may be ahead of whoever takes them, by some results at least.
 
     Parameters
     ----------
     recording : Recording
-        What is looked at.
+        What is measured.
     settings : Settings
         Of the compass, and how late the camera's stamps are.
-    see : callable, optional
+    measure : callable, optional
         The compass; one of its own in this process, where there is none.
 
     Attributes
@@ -104,33 +104,33 @@ class Looks:
     counts : Counter of CompassStatus
         Outcomes so far.
     mount : CameraMount
-        How the camera is tilted on the robot, by the last look.
+        How the camera is tilted on the robot, by the last result.
     warnings : sequence of Warning
-        What was wrong with the recording as far as it had been read for the last look.
+        What was wrong with the recording as far as it had been read for the last result.
     """
 
-    def __init__(self, recording: Recording, settings: Settings, see: See | None = None) -> None:
+    def __init__(self, recording: Recording, settings: Settings, measure: Measure | None = None) -> None:
         self._recording = recording
         # the delay as given: what is learnt beyond it would depend on who came late
         self._known_ns = round(1e9 * settings.fusion.camera_delay)
-        self._seen = (see or seen_by(settings.compass))(self._upright())
-        self._ready: deque[Look] = deque()
+        self._measured = (measure or measured_by(settings.compass))(self._upright())
+        self._ready: deque[ImageResult] = deque()
         self._warnings: deque[tuple[Warning, ...]] = deque()  # of the panoramas that are under way or ready
         self.counts: Counter[CompassStatus] = Counter()
         self.mount = CameraMount()
         self.warnings: tuple[Warning, ...] = ()
 
-    def look_ahead_while(self, busy: Callable[[], bool]) -> None:
-        """Begin already, until whoever takes the looks is no longer busy elsewhere."""
-        while busy() and (look := next(self._seen, None)) is not None:
-            self._ready.append(look)
+    def measure_ahead_while(self, busy: Callable[[], bool]) -> None:
+        """Begin already, until whoever takes the results is no longer busy elsewhere."""
+        while busy() and (result := next(self._measured, None)) is not None:
+            self._ready.append(result)
 
-    def __iter__(self) -> Iterator[Look]:
-        for look in chain(_emptied(self._ready), _in_bursts(self._seen)):
+    def __iter__(self) -> Iterator[ImageResult]:
+        for result in chain(_emptied(self._ready), _in_bursts(self._measured)):
             self.warnings = self._warnings.popleft()
-            self.counts[look.status] += 1
-            self.mount = look.mount
-            yield look
+            self.counts[result.status] += 1
+            self.mount = result.mount
+            yield result
         self.warnings = tuple(self._recording.warnings)
 
     def _upright(self) -> Iterator[Upright]:
@@ -145,12 +145,12 @@ class Looks:
                 tilts.add(event)
 
 
-def _emptied(ready: deque[Look]) -> Iterator[Look]:
+def _emptied(ready: deque[ImageResult]) -> Iterator[ImageResult]:
     while ready:
         yield ready.popleft()
 
 
-def _in_bursts(looks: Iterator[Look]) -> Iterator[Look]:
+def _in_bursts(results: Iterator[ImageResult]) -> Iterator[ImageResult]:
     """The same, some of them ready before the first is given."""
-    while burst := list(islice(looks, BURST)):
+    while burst := list(islice(results, BURST)):
         yield from burst

@@ -17,7 +17,7 @@ from fusion.offline.topics import TopicRequest, choose_topics
 from fusion.settings import Settings
 
 # what is said of stamps and files by looking at all of them
-TOLD, APART = ("stamps_not_increasing", "stamps_wrong", "samples_lost"), "no time in common"
+REPORTED, APART = ("stamps_not_increasing", "stamps_wrong", "samples_lost"), "no time in common"
 LENGTH_NS = 60_000_000_000  # of the drive, counted from when the last sensor begins
 MOST_IMAGES = 600  # some seconds of work; a robot that is shown to a camera turns within them
 
@@ -47,7 +47,7 @@ class Beginning:
         return islice(takewhile(lambda frame: frame.t_ns <= self.end_ns, self.whole.frames()), MOST_IMAGES)
 
 
-def first_look(bag: Bag, settings: Settings, request: TopicRequest | None = None) -> list[str]:
+def first_minute(bag: Bag, settings: Settings, request: TopicRequest | None = None) -> list[str]:
     """What is wrong with the sensors of an open bag, a sentence each; beyond faults of its files and topics."""
     try:
         choice = choose_topics(bag, settings.topics, request)
@@ -60,7 +60,9 @@ def first_look(bag: Bag, settings: Settings, request: TopicRequest | None = None
     except BagError as error:
         return [] if APART in str(error) else [f"fuse would stop: {error}"]
     found = (one.warning for one in run.warnings)
-    return [f"{one.text} [{one.code}, {one.sensor}]" for one in found if one.code not in TOLD and APART not in one.text]
+    return [
+        f"{one.text} [{one.code}, {one.sensor}]" for one in found if one.code not in REPORTED and APART not in one.text
+    ]
 
 
 def _beginning(recording: BagRecording) -> Beginning:
