@@ -15,12 +15,13 @@ TICK = 5e-4 / 0.4  # rad of claimed turn per encoder count: 0.5 mm of track, 0.4
 
 @dataclass(frozen=True)
 class RobotDrive:
-    """Truth at 1 kHz (s, rad) and the samples by stamp."""
+    """Truth at 1 kHz (s, rad), the samples by stamp, and by how much the truth may err itself, rad."""
 
     t: np.ndarray
     yaw: np.ndarray
     samples: list
     camera_delay: float = 0.0
+    truth_sigma: float | np.ndarray = 0.0
 
     def changed(self, change, kind=object, since=0.0, until=math.inf):
         """The drive with `change` (None: left out) made to the samples of a kind between two times, s."""

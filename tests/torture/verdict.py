@@ -106,7 +106,8 @@ def _measure(result: Result, seen: np.ndarray, ride: RobotDrive) -> None:
     if not np.isfinite(seen).all():
         result.faults.append("estimate not finite")
         return
-    ratio = np.abs(error) / np.maximum(sigma, FLOOR)
+    truth_sigma = np.interp(at, ride.t, np.broadcast_to(ride.truth_sigma, ride.t.shape))
+    ratio = np.abs(error) / np.maximum(np.hypot(sigma, truth_sigma), FLOOR)
     ratio[(now >= result.row.since) & (now < result.row.since + result.row.blind)] = 0.0
     lasting = np.diff(now, append=now[-1])
     last = np.flatnonzero(now >= now[-1] - ENDING)
