@@ -5,9 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from robot_drive import robot_drive
+from robot_drive import HZ, Eyes, fuse, robot_drive, sensed
 
-from compass import YawIncrement
+from compass import YawIncrement, wrap_angle
 from fusion import FusionConfig, GyroSample, OdometrySample, YawFusion
 
 FAULT = 20.3  # s; the robot turns, and the slow camera's last image was at 20.017 s
@@ -104,3 +104,30 @@ def test_pose_of_another_publisher_or_after_a_reset_is_no_turn(hertz):
     settled = t > 10.0
     assert (np.abs(error[settled]) <= np.maximum(4.0 * sigma[settled], 0.1)).all()
     assert sigma[settled].max() < 1.0
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2, 4])
+@pytest.mark.parametrize("tracks", [True, False])
+def test_tracks_settle_what_images_claimed_until_their_next_keyframe(seed, tracks):
+    """A place that looks the same, turned by 180 deg: the gate refuses that, and the next keyframe says it no more."""
+    ride = robot_drive(seed, seconds=20.0, compass_hz=15, eyes=Eyes(hold=0.3))
+    turned = lambda s: replace(s, yaw=float(wrap_angle(s.yaw + math.pi))) if s.t_ref_ns < 9.7e9 else s  # noqa: E731
+    ride = ride.changed(turned, YawIncrement, since=9.7)
+    if not tracks:
+        ride = ride.changed(lambda s: None, OdometrySample)
+    fusion, _ = fuse(ride)
+    sigma = math.degrees(math.sqrt(fusion.estimate().yaw_variance))
+    assert sigma < 1.0 if tracks else sigma > 60.0  # of two sensors nobody knows
+
+
+def test_tracks_that_rest_while_gyro_and_images_turn_say_nothing():
+    """A robot that starts at 1 deg/s may stand beside a crowd, as its dead tracks have it, until it turns otherwise."""
+    t = np.arange(20 * HZ) / HZ
+    rate = 0.02 + 0.8 * np.sin(t - 2.0) * (t > 2.0)
+    ride = sensed(np.random.default_rng(1), rate, 0.3 + 0.0 * t)
+    ride = ride.changed(lambda s: replace(s, yaw_rate=0.0, speed=0.0, yaw=0.0), OdometrySample)
+    fusion, errors = fuse(ride)
+    early = fuse(replace(ride, samples=[s for s in ride.samples if s.t_ns < 1.9e9]))[0].estimate()
+    assert early.yaw_variance > math.radians(0.5) ** 2
+    assert fusion.estimate().yaw_variance < math.radians(2.0) ** 2
+    assert abs(errors[-1]) < math.radians(1.0)

@@ -145,6 +145,8 @@ class Alternative:
         Whether a compass was followed before it, and no bias of the gyro explained all that they contradict by.
     refuted : bool
         Whether a third sensor has decided against it: it counts again should that find otherwise.
+    by_rest : bool
+        Whether nothing speaks for it but tracks that have rested since the start.
     """
 
     sensor: Sensor
@@ -160,6 +162,7 @@ class Alternative:
     driven: bool = True
     change: float = 0.0
     refuted: bool = False
+    by_rest: bool = False
 
     def variance(self, t_ns: int) -> float:
         """What it adds at a time, ns, to that of the yaw, rad^2."""

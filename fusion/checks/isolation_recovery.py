@@ -50,7 +50,10 @@ def settle_alternatives(iso: Isolation, window: Window, bias: float) -> Judged:
                 side = alternative.sensor is Sensor.GYRO
         if alternative.sensor is Sensor.GYRO and _other_bias_at_rest(alternative, window, bias):
             side = False
-        if side is False:  # it erred: the one that is followed is right
+        if alternative.by_rest and _turns_at_rest(alternative, window, bias):
+            iso = iso.without_alternative(alternative.sensor)
+            remedies.append(Remedy(fold=alternative.variance(window.t_ns)))
+        elif side is False:  # it erred: the one that is followed is right
             if iso.excludes(alternative.sensor) and alternative.third.side is False:
                 iso = iso.with_alternative(replace(alternative, refuted=True))
             else:
@@ -79,6 +82,15 @@ def _other_bias_at_rest(alternative: Alternative, window: Window, bias: float) -
     if not (window.stood and window.tracks and alternative.driven):
         return False
     return abs(alternative.bias - bias) > max(noise, CREEP_RATE)
+
+
+def _turns_at_rest(alternative: Alternative, window: Window, bias: float) -> bool:
+    """Whether tracks rest while gyro and images turn, whatever the gyro's bias: then their rest says nothing."""
+    gyro, tracks, seconds = window.gyro, window.tracks, window.seconds
+    if gyro is None or window.compass is None or tracks is None or not tracks.rests:
+        return False
+    turn = alternative.turn(gyro, seconds, bias)
+    return contradict(replace(gyro, turn=turn), tracks, seconds) and not contradict(gyro, window.compass, seconds)
 
 
 def _follow(iso: Isolation, alternative: Alternative, window: Window, bias: float) -> Judged:

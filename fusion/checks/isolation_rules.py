@@ -84,7 +84,8 @@ def _judge_start(iso: Isolation, window: Window, bias: float) -> Judged:
     if abs(usual) > UNLIKELIER * math.hypot(window.bias_sigma, usual - off / start.seconds):
         return iso, Remedy()  # it turns on something that turns
     iso = iso.noting(replace(start, gyro=Claim(0.0, noise)))
-    stands = Alternative(Sensor.GYRO, start.start_ns, -off, usual, until_ns=start.t_ns, rate=-off / start.seconds)
+    rate = -off / start.seconds
+    stands = Alternative(Sensor.GYRO, start.start_ns, -off, usual, until_ns=start.t_ns, rate=rate, by_rest=True)
     return iso.with_alternative(stands), Remedy()
 
 

@@ -205,6 +205,16 @@ class Unconfirmed:
         noise = self.noise + self._by_scale(now, now) + ALIKE_TURN**2
         return beyond if beyond**2 > CONTRADICTION_SIGMAS**2 * noise else None
 
+    def refutes(self, off: float, noise: float, now: Belief) -> bool:
+        """Whether the tracks say that the robot has turned since then as believed, not by `off`, rad, more or less.
+
+        Whatever their noise since then, of which `noise`, rad^2, is not counted yet.
+        """
+        if not self._witnessed(now):
+            return False
+        sigma = math.sqrt(self.noise + noise + self._by_scale(now, now) + ALIKE_TURN**2)
+        return abs(self._beyond(now, now)) + CONTRADICTION_SIGMAS * sigma <= HIDES * abs(off)
+
     def _beyond(self, now: Belief, scaled: Belief) -> float:
         """By how much the yaw has turned since then more than the tracks say, rad, at the scale of `scaled`."""
         claimed = self.tracks.turn_until(now.t_ns) / scaled.scale if self.tracks else 0.0

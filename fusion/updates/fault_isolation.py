@@ -184,7 +184,7 @@ class FaultIsolation:
                 Sensor.TRACKS
             )  # gyro and compass saw the same all the while
         if refusal is not None:
-            if increment.t_ref_ns > refusal.t_ref_ns:
+            if increment.t_ref_ns > refusal.t_ref_ns and not self._tracks_refute(state, refusal.last):
                 state.ekf.widen_frame(refusal.variance)
             state.refusal = None
 
@@ -211,11 +211,23 @@ class FaultIsolation:
                 state.isolation = state.isolation.with_alternative(slipped.apart(-off))
             else:
                 ekf.widen_frame(FOUND_AGAIN_PROBABILITY * off**2)
-        else:
+        elif not self._tracks_refute(state, off):
             ekf.widen_frame(ALTERNATIVE_PROBABILITY[Sensor.COMPASS] * off**2)
         ekf.anchor(since, measurement)
         ekf.widen(State.BIAS, JUMPED_BIAS**2)
         state.agreement = None
+
+    def _tracks_refute(self, state: FilterState, off: float) -> bool:
+        """Whether tracks show that images erred by `off`, rad, and not the gyro, which is followed."""
+        known = state.unconfirmed
+        if known is None or not (state.believes(Sensor.GYRO) and state.believes(Sensor.TRACKS)):
+            return False
+        if state.common_source.one is not False:
+            return False
+        slip = state.slip_turn.variance, state.slip_speed.variance
+        start_ns, t_ns = state.turns.start_ns, state.t_ns or 0
+        claim = tracks_claim(state.turns, start_ns, t_ns, self._config, *slip) if start_ns is not None else None
+        return known.refutes(off, claim.noise**2 if claim else 0.0, state.belief)
 
     def _add_gyro_alternative(self, state: FilterState, since_ns: int, offset: float) -> None:
         """Keep the alternative that the gyro's bias is as before."""
