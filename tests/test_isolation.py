@@ -13,9 +13,10 @@ from fusion.checks.exclusion import Exclusion
 from fusion.checks.gyro_faults import surely_gyro
 from fusion.checks.isolation import Isolation
 from fusion.checks.isolation_rules import judge
+from fusion.checks.rate_turn import RateTurn
 from fusion.checks.recovery import Recovery
 from fusion.checks.stillness import CompassTurn
-from fusion.checks.windows import Claim, RateTurn, Window
+from fusion.checks.windows import Claim, Window
 
 S = 500_000_000  # ns, a window
 

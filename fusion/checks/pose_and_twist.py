@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 
 from compass import wrap_angle
+from fusion.checks.rate_turn import FASTEST_ROBOT
 from fusion.checks.silence import RATE_SILENT_NS
 from fusion.checks.warnings import Warning
-from fusion.checks.windows import FASTEST_ROBOT
 from fusion.samples import OdometrySample
 
 # Not derived: all three.

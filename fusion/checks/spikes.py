@@ -9,9 +9,9 @@ from statistics import median
 
 from compass import wrap_angle
 from fusion.buffer.events import Sensor
+from fusion.checks.rate_turn import COMES_BACK, FASTEST_CHANGE, FASTEST_ROBOT
 from fusion.checks.silence import FEWEST_GAPS, OFTEN, PAUSES_NS, PERIOD_GAPS
 from fusion.checks.warnings import Warning
-from fusion.checks.windows import COMES_BACK, FASTEST_CHANGE, FASTEST_ROBOT
 from fusion.samples import GyroSample, OdometrySample
 
 USUAL = 10.0  # medians of the changes between samples: normal noise exceeds 7 once in a million

@@ -21,8 +21,9 @@ from compass import wrap_angle
 from fusion.buffer.events import Sensor
 from fusion.checks.alternative import ALTERNATIVE_PROBABILITY
 from fusion.checks.contradiction import CONTRADICTION_SIGMAS
+from fusion.checks.rate_turn import FASTEST_ROBOT
 from fusion.checks.silence import PERIODS, RATE_SILENT_NS, SILENT_NS
-from fusion.checks.windows import FASTEST_ROBOT, Window
+from fusion.checks.windows import Window
 from fusion.record import record, replace
 from fusion.samples import OdometrySample
 

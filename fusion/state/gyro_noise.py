@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import field
 
-from fusion.checks.windows import SAME, SAME_NUMBER
+from fusion.checks.rate_turn import SAME
+from fusion.checks.windows import SAME_NUMBER
 from fusion.record import record
 from fusion.state.learnt_noise import LearntNoise
 

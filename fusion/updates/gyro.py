@@ -10,8 +10,8 @@ import numpy as np
 from compass.tilt import beyond_error
 from fusion.buffer.events import GyroEvent, Sensor
 from fusion.checks.gate import Gate, Verdict
+from fusion.checks.rate_turn import FASTEST_CHANGE, FASTEST_ROBOT, SAME
 from fusion.checks.silence import RATE_SILENT_NS, SILENT_NS
-from fusion.checks.windows import FASTEST_CHANGE, FASTEST_ROBOT, SAME
 from fusion.config import FusionConfig
 from fusion.imu.tilt import TILT_ERROR, BiasGain
 from fusion.record import replace
