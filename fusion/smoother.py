@@ -32,7 +32,8 @@ from fusion.config import FusionConfig
 from fusion.filter import YawFilter
 from fusion.samples import YawEstimate
 from fusion.state.ekf import DIM, Array, Correction, Transition
-from fusion.state.filter_state import FilterState, estimate_of
+from fusion.state.estimate import estimate_of
+from fusion.state.filter_state import FilterState
 
 LINEAR = 1e-4  # of a variance; what the filter's second-order terms leave of it is not known better
 SEGMENT = 1000  # events whose matrices are kept at a time; their states are filtered twice

@@ -40,7 +40,8 @@ from fusion.config import FusionConfig
 from fusion.filter import YawFilter
 from fusion.record import replace
 from fusion.samples import OdometrySample, YawEstimate
-from fusion.state.filter_state import FilterState, estimate_of
+from fusion.state.estimate import estimate_of
+from fusion.state.filter_state import FilterState
 
 log = logging.getLogger(__name__)
 SHORTEST_REACH_NS = 1_000_000_000  # a stamp off by less does no harm that lasts

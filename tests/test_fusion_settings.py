@@ -15,7 +15,7 @@ from fusion.filter import YawFilter
 from fusion.smoother import smooth
 from fusion.state.bounds import LOST_YAW
 from fusion.state.ekf import State, YawEkf
-from fusion.state.filter_state import estimate_of
+from fusion.state.estimate import estimate_of
 from fusion.state.process_models import integrate_gauss_markov
 
 SENSORS = "gtc"  # gyro, tracks, compass
