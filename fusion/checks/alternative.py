@@ -11,17 +11,19 @@ from fusion.checks.recovery import Recovery
 from fusion.checks.windows import Claim, Window
 from fusion.record import replace
 
-# Of the alternative where nobody can decide: the variance of a mixture grows by that share of the squared difference of
-# the two claims. Gyro and compass: the claim stays within two sigmas. The odometry, whose tracks slip: within three.
+# Probability of the alternative while nobody can decide. By that share of the squared difference of the two claims the
+# published variance grows, as that of a mixture does: a wrong yaw stays within two sigmas where gyro and compass
+# contradict each other, and within 2.6 where it is the odometry, whose tracks slip.
 ALTERNATIVE_PROBABILITY = {Sensor.GYRO: 0.25, Sensor.COMPASS: 0.25, Sensor.TRACKS: 0.15}
-# The same of tracks against a view that was found again across a gap, twice: they slip and get lifted, it seldom errs.
+# The same of tracks that contradict two images which found an old view again after a gap: tracks slip, or the robot is
+# lifted; that two matches err alike is rare.
 FOUND_AGAIN_PROBABILITY = 0.1
 # Not derived: `LONGEST_ROW_NS`, `AGREEING`.
-LONGEST_ROW_NS = 1_000_000_000  # after a window a contradiction is taken to go on for, until the next one is judged
-AGREEING = 0.4  # of the way from one to the other; a third that is farther beyond both contradicts both
-DECIDED = 2.0 * math.log(20.0)  # by which squared misfits differ where one side is twenty times as likely
-LEAST_SCALE = 0.05  # of tracks, as `initial_scale` has it; who claims less has not turned along
-NEARER = (AGREEING / (1.0 - AGREEING)) ** 2  # of the other squared misfit: so far on the way to it
+LONGEST_ROW_NS = 1_000_000_000  # for so long after the last window a claim is extrapolated at its last rate
+AGREEING = 0.4  # of the difference of two claims; a third sensor that is farther outside contradicts both
+DECIDED = 2.0 * math.log(20.0)  # difference of squared misfits at which one side is twenty times as likely
+LEAST_SCALE = 0.05  # of tracks: the least that `initial_scale` may be; with less they have not turned with the robot
+NEARER = (AGREEING / (1.0 - AGREEING)) ** 2  # ratio of the two squared misfits above which no side is taken
 
 
 @dataclass(frozen=True, slots=True)

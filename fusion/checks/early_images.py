@@ -7,8 +7,8 @@ import math
 from fusion.checks.warnings import Warning
 from fusion.record import record
 
-SIGMAS = 3.0  # of the delay: as learnt, or as expected where it was forgotten and is learnt anew
-NOTABLE = 2.0  # of the prior's; less is expected of a sound camera, or of a gyro's own filter; not derived
+SIGMAS = 3.0  # standard deviations of the delay, as learnt or as configured, whichever is less
+NOTABLE = 2.0  # of the prior; sound cameras, and a gyro's own low-pass, reach less; not derived
 
 
 @record

@@ -11,8 +11,8 @@ from fusion.checks.recovery import Recovery
 from fusion.checks.windows import Claim, Window
 from fusion.record import replace
 
-CHANGED = 0.1  # rad/s in a window; who errs at less errs at a steady rate, too; not derived
-UNLIKELY_BIAS = 0.2  # rad/s, 11 deg/s; a gyro at rest gives 0.2 deg/s rather, but not in rad/s; not derived
+CHANGED = 0.1  # rad/s, change of the turn rate in a window; what shows without is no fault of time; not derived
+UNLIKELY_BIAS = 0.2  # rad/s, 11 deg/s; a gyro that rests at more has another unit: 0.2 deg/s are common; not derived
 
 
 def fits_anything(sensor: Sensor, turn_rate: float, window: Window) -> bool:

@@ -8,9 +8,9 @@ from fusion.checks.exclusion import CHANGED
 from fusion.checks.isolation import Remedy
 from fusion.checks.windows import Claim, Window
 
-RADIANS = (45.0, 72.0)  # ratio of turns that only degrees taken for radians explain: 57.3 but for a quarter
-TURNED = 0.02  # rad in a window; a ratio to less says nothing
-MOST_BIAS = 1.0  # rad/s; what is beyond is no bias; not derived
+RADIANS = (45.0, 72.0)  # ratios of turns that only degrees taken for radians explain: 57.3 and a quarter to either side
+TURNED = 0.02  # rad in a window; with less a ratio of turns says nothing
+MOST_BIAS = 1.0  # rad/s; no gyro's bias is larger; not derived
 
 
 def surely_gyro(window: Window, turn: float) -> bool:

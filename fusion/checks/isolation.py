@@ -29,9 +29,9 @@ from fusion.checks.time_offset import EVERY_WINDOWS, TimeOffset, Turned, time_of
 from fusion.checks.windows import Claim, Window
 from fusion.record import replace
 
-MOST_STRIKES = 6  # that count: 32 telling windows are as many as are waited for; not derived
-NEVER = 1_000_000_000  # windows
-NO_SPIKES = 3  # windows with turns that no robot makes; not derived
+MOST_STRIKES = 6  # exclusions that count: it takes 32 telling windows then, and no more after others; not derived
+NEVER = 1_000_000_000  # windows; more than any drive has
+NO_SPIKES = 3  # windows with turns that no robot makes are no spikes but another unit; not derived
 EVIDENCE_WINDOWS = 20  # windows with a contradiction that are remembered, to name the fault; not derived
 BEST_FIRST = (Sensor.COMPASS, Sensor.GYRO, Sensor.TRACKS)
 

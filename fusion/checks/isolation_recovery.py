@@ -16,10 +16,10 @@ from fusion.checks.windows import Claim, Window
 from fusion.record import replace
 
 # Not derived: `TIMED`, `UNTIMED`, `LONGEST_DELAY`, `SUSTAINED`.
-TIMED = 0.95  # of squared contradictions, explained by a time offset
-UNTIMED = 0.5  # of the largest contradiction of a window may be left of them all together
-LONGEST_DELAY = 0.3  # s; no camera's driver takes longer than that longer than before
-SUSTAINED = 1.5  # of the last window's contradiction that they must sum up to, not to be one wrong match
+TIMED = 0.95  # share of the squared contradictions that a time offset has to explain
+UNTIMED = 0.5  # share of the largest contradiction of a window that it may leave of their sum
+LONGEST_DELAY = 0.3  # s; by more no camera's delay changes
+SUSTAINED = 1.5  # times the last window's contradiction; if their sum is less it may be one wrong match
 
 
 def with_window(alternative: Alternative, window: Window, bias: float) -> Alternative:

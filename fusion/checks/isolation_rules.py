@@ -16,14 +16,14 @@ from fusion.checks.windows import WINDOW_NS, Claim, Window
 from fusion.record import replace
 
 # Not derived: `LONG`, `STUCK`, `SLIPPED_ON`, `STEADY`, `STEADY_WINDOWS`, `SCALED`.
-LONG = 6.0  # s; in longer ones errors that last are no noise any more
-STUCK = 0.2  # ratio of turns; less is no scale factor, nor is more than its inverse
-STEADY, STEADY_WINDOWS = 0.2, 2  # by so much of itself a bias changes; windows that show it
-SCALED = 12.0  # standard deviations of the gyro's scale factor: a tenth of a turn as long as it is not learnt
-# Times as large a bias: by a prior of heavy tails, as of any gyro, 25 times less likely. With 10 a robot that is
-# carried round at 0.05 rad/s stays 83 deg off (docs/lab-notes/strangers-2026-11-30.md).
+LONG = 6.0  # s; over more than that lasting errors of a sensor do not average out as its noise does
+STUCK = 0.2  # ratio of turns; a smaller one is no scale factor, nor is one larger than its inverse
+STEADY, STEADY_WINDOWS = 0.2, 2  # largest change of a bias as a share of it; windows that are needed to see that
+SCALED = 12.0  # standard deviations of the gyro's scale factor; before it is learnt they are a tenth of the turn
+# A bias so many times as large is 25 times less likely: the prior of gyros' biases has heavy tails. With 10 a robot
+# that is carried round at 0.05 rad/s stays 83 deg off (docs/lab-notes/strangers-2026-11-30.md).
 UNLIKELIER = 5.0
-SLIPPED_ON = 3  # windows; tracks that slip for longer do not see the robot turn
+SLIPPED_ON = 3  # windows; tracks slip, but not for longer than that: then they do not measure the turn
 
 
 def judge(iso: Isolation, window: Window, bias: float) -> Judged:

@@ -11,8 +11,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-WELL = 2.0 * math.log(1000.0)  # that it is well is so much likelier: this is asked twice a second
-TINY = 1e-12  # rad^2; of claims that are known without an error, for there is no division by zero
+WELL = 2.0 * math.log(1000.0)  # a thousand times likelier to be well than to err on: this is asked twice a second
+TINY = 1e-12  # rad^2, so that claims without any error do not divide by zero
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,9 +9,9 @@ from fusion.buffer.events import Sensor
 from fusion.checks.alternative import ALTERNATIVE_PROBABILITY
 
 # Not derived: `GREW`, `REPEATED`.
-GREW = 1.5  # times the first innovation: not one wrong match, but rates that differ
+GREW = 1.5  # times the first innovation; one that has grown so is no single wrong match, but rates differ
 
-REPEATED = 0.2  # of the first innovation, by which another may differ: meanwhile the robot may turn on
+REPEATED = 0.2  # of the first innovation; a second one that differs by less repeats it, as the robot turns meanwhile
 
 
 @dataclass(frozen=True, slots=True)

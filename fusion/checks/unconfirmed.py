@@ -27,13 +27,13 @@ from fusion.checks.windows import Window
 from fusion.record import record, replace
 from fusion.samples import OdometrySample
 
-ALIKE = 0.2  # of a turn; by less two that measure it need not differ to agree; not derived
-ALIKE_TURN = 1e-3  # rad, nor by less than the steps of an encoder
-WELL_WITHIN = 0.5  # standard deviations; what is forgotten at each agreement adds up; not derived
-HIDES = 0.5  # of a turn; who differs by more may as well not see it; not derived
-SLIP = 1.0  # standard deviations; by less slip what images, without a gyro, measure more exactly
-# Of what is unconfirmed, squared, where nobody else speaks: a sign reversed is twice as wrong, and stays within three
-# sigmas.
+ALIKE = 0.2  # of a turn; two sensors that differ by less agree; not derived
+ALIKE_TURN = 1e-3  # rad; the same, as encoders have steps
+WELL_WITHIN = 0.5  # standard deviations; what each agreement leaves out adds up over many of them; not derived
+HIDES = 0.5  # of a turn; a sensor that differs by more may not have seen it; not derived
+SLIP = 1.0  # standard deviations by which tracks may slip beside images, which are more exact
+# Share of the squared unconfirmed turn where no third sensor speaks: a reversed sign errs by twice that turn, which
+# stays within three sigmas.
 REVERSED = (2.0 / 3.0) ** 2
 
 
