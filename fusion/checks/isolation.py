@@ -145,11 +145,8 @@ class Isolation:
         doubted = self.one_source is None or (still and tracks is not None and not tracks.rests)
         return None if doubted and side is (alternative.sensor is Sensor.GYRO) else side
 
-    def with_one_source(self, one_source: bool | None, bias: float) -> Isolation:
-        """With an odometry that turns by the gyro, or not any more; `bias` is the gyro's, rad/s.
-
-        What was decided with its help is open again: that the images are right is the alternative.
-        """
+    def with_one_source(self, one_source: bool | None) -> Isolation:
+        """With an odometry that turns by the gyro, or not any more; what was decided with its help is open again."""
         if one_source is False:
             return replace(self, one_source=False)
         alternatives = tuple(replace(one, refuted=False) for one in self.alternatives)
@@ -158,16 +155,7 @@ class Isolation:
             iso = iso.without_alternative(Sensor.TRACKS).trusting(Sensor.TRACKS)
             alternatives = tuple(replace(one, third=Third()) for one in iso.alternatives)
             iso = replace(iso, alternatives=alternatives, last=None, long=None)
-        since_ns = next((one.since_ns for one in iso.exclusions if one.sensor is Sensor.COMPASS), None)
-        if since_ns is None or alternatives:
-            return iso
-        images = Alternative(Sensor.COMPASS, since_ns, 0.0)
-        for one in self.turned:
-            gyro, compass = one.rate_of(Sensor.GYRO), one.rate_of(Sensor.COMPASS)
-            if one.start_ns >= since_ns and gyro is not None and compass is not None:
-                seconds, off = (one.t_ns - one.start_ns) * 1e-9, compass - gyro + bias
-                images = replace(images, offset=images.offset + off * seconds, until_ns=one.t_ns, rate=off)
-        return iso.with_alternative(images)
+        return iso
 
     def variance(self, t_ns: int) -> float:
         """What all alternatives add at a time, ns, to the variance of the yaw, rad^2."""

@@ -61,7 +61,7 @@ class FaultIsolation:
         joined = increment is None or (turns.compass is not None and turns.compass.start_ns == start_ns)
         if joined and 0 < t_ns - start_ns <= LONGEST_WINDOW_NS:
             window, bias = self._window(state, start_ns, increment), turns.start.bias
-            self._note_source(state, bias)
+            self._note_source(state)
             if state.isolation.contradicting.isdisjoint((Sensor.GYRO, Sensor.COMPASS)) and not contradict(
                 window.gyro, window.compass, window.seconds
             ):
@@ -88,14 +88,14 @@ class FaultIsolation:
         state.turns = state.turns.anew(t_ns, _start(state), increment)
         return wrong_ns
 
-    def _note_source(self, state: FilterState, bias: float) -> None:
+    def _note_source(self, state: FilterState) -> None:
         """Leave out an odometry that turns by the gyro, as long as that speaks, and what was learnt as they agreed."""
         gyro, one_source = state.turns.gyro, state.common_source.one
         if gyro is None or (state.t_ns or 0) - gyro.t_ns > RATE_SILENT_NS:
             one_source = False
         if one_source is state.isolation.one_source:
             return
-        state.isolation = state.isolation.with_one_source(one_source, bias)
+        state.isolation = state.isolation.with_one_source(one_source)
         if one_source:
             state.agreement = None
             if not state.hears(Sensor.COMPASS):
