@@ -115,10 +115,8 @@ def _as_before(iso: Isolation, alternative: Alternative, window: Window, bias: f
     if alternative.sensor is Sensor.TRACKS:
         turn = abs(reference.turn)  # so much that tracks that turn otherwise, or not at all, would not be as near
         return alternative, turn > max(TURNED, 2.0 * claim.sigma) and abs(off) < 0.5 * turn
-    own = claim.sigma**2
-    if alternative.sensor is Sensor.GYRO:  # it has a bias of its own, and the present one's noise is not in it
-        own = max(own - (window.bias_sigma * seconds) ** 2, 0.0)
-    variance, erred_for = own + reference.sigma**2, max((window.t_ns - alternative.since_ns) * 1e-9, seconds)
+    variance = claim.sigma**2 + reference.sigma**2
+    erred_for = max((window.t_ns - alternative.since_ns) * 1e-9, seconds)
     recovery = alternative.recovery or Recovery.begun(alternative.offset / erred_for)
     recovery = recovery.weighed(math.copysign(1.0, alternative.offset) * off, variance, seconds)
     agrees = abs(off) <= min(AGREEMENT_SIGMAS * math.sqrt(variance), abs(now))
