@@ -202,7 +202,6 @@ class FaultIsolation:
             x[State.YAW] += off
             x[until] += off
             ekf.x = x
-            ekf.place_yaw()
             measurement = replace(measurement, innovation=0.0)
             slipped = state.isolation.alternative(Sensor.TRACKS)
             if witnessed and refusal is not None:
