@@ -183,10 +183,8 @@ def _judge_trusted(iso: Isolation, window: Window, bias: float) -> Judged:
     gyro, tracks, compass = (iso.trusted(sensor, window) for sensor in (Sensor.GYRO, Sensor.TRACKS, Sensor.COMPASS))
     if gyro and compass and contradict(gyro, compass, window.seconds):
         return _gyro_against_compass(iso.noting(window), gyro, compass, window, bias)
-    if gyro and window.gyro_beyond and (compass or tracks):
-        return _beyond(iso.noting(window), gyro, window, bias)
-    if gyro and window.gyro_hangs and _turns_otherwise(gyro, compass or tracks):
-        return _beyond(iso.noting(window), gyro, window, bias)
+    if hangs := _gyro_hangs(iso, window, bias):
+        return hangs
     if gyro and compass is None and (steady := _bias_at_rest(iso, window, bias)):
         return steady
     leader = compass or gyro
@@ -195,19 +193,20 @@ def _judge_trusted(iso: Isolation, window: Window, bias: float) -> Judged:
     return iso, Remedy()
 
 
-def _turns_otherwise(gyro: Claim, other: Claim | None) -> bool:
-    """Whether a gyro that hangs is contradicted, by whatever scale factor: one that works gives no number so often."""
-    return other is not None and abs(gyro.turn - other.turn) > AGREEMENT_SIGMAS * math.hypot(gyro.noise, other.noise)
+def _gyro_hangs(iso: Isolation, window: Window, bias: float) -> Judged | None:
+    """A gyro that hangs is contradicted, by however little and whatever its scale factor; None where it is not.
 
-
-def _beyond(iso: Isolation, gyro: Claim, window: Window, bias: float) -> Judged:
-    """Exclude a gyro that does what no gyro does. Where a robot seems to spin the camera is vague: its stamps count."""
-    others = {one: claim for one in (Sensor.COMPASS, Sensor.TRACKS) if (claim := iso.trusted(one, window))}
-    if not others:
-        return iso, Remedy()
-    sensor = min(others, key=lambda one: others[one].sigma)
-    other, follow = others[sensor], iso.following(sensor, window)
-    iso = iso.excluding(Sensor.GYRO, window, other.turn, gyro.turn - other.turn)
+    One that works never gives the same number so often.
+    """
+    sensor = Sensor.COMPASS if iso.trusted(Sensor.COMPASS, window) else Sensor.TRACKS
+    gyro, other = iso.trusted(Sensor.GYRO, window), iso.trusted(sensor, window)
+    if gyro is None or other is None or not window.gyro_hangs:
+        return None
+    off = gyro.turn - other.turn
+    if abs(off) <= AGREEMENT_SIGMAS * math.hypot(gyro.noise, other.noise):
+        return None
+    follow = iso.following(sensor, window)
+    iso = iso.noting(window).excluding(Sensor.GYRO, window, other.turn, off)
     return iso, Remedy.of((follow, rebias(gyro, other, window, bias)))
 
 
