@@ -266,10 +266,9 @@ def _tracks_against(iso: Isolation, leader: Claim, tracks: Claim, window: Window
     """
     gyro, compass = iso.trusted(Sensor.GYRO, window), iso.trusted(Sensor.COMPASS, window)
     off = tracks.turn - leader.turn
-    hangs = gyro and window.gyro_repeats and not compass  # it turns by one number while tracks that may be sound stand
-    if gyro and not window.tracks_spoke and not (hangs or compass):
+    if gyro and not compass and not window.tracks_spoke:
         return _gyro_against_silence(iso, gyro, tracks, window, bias)
-    if (not window.tracks_spoke and not hangs) or (gyro and compass):
+    if not window.tracks_spoke or (gyro and compass):
         broken = not window.tracks_spoke or _no_scale_explains(iso)
         return (iso.excluding(Sensor.TRACKS, window, leader.turn, off) if broken else iso), Remedy()
     if gyro and surely_gyro(window, tracks.turn):
