@@ -187,11 +187,11 @@ class Alternative:
         return replace(self, offset=offset, most=max(self.most, abs(offset)))
 
     def reversed(self, bias: float, window: Window) -> Alternative:
-        """That the one that was followed until this window is right after all, refuted; `bias`: its own, rad/s."""
+        """That the one that was followed until this window is right after all; `bias`: its own, rad/s."""
         claim, other = window.claim(self.sensor), window.claim(self.against)
         rate = (other.turn - claim.turn) / window.seconds if claim and other else 0.0
         third, since_ns = self.third.swapped(), self.since_ns
-        return Alternative(self.against, since_ns, -self.offset, bias, third, window.t_ns, rate, refuted=True)
+        return Alternative(self.against, since_ns, -self.offset, bias, third, window.t_ns, rate)
 
     @property
     def against(self) -> Sensor:

@@ -59,7 +59,7 @@ def settle_alternatives(iso: Isolation, window: Window, bias: float) -> Judged:
             else:
                 iso = iso.without_alternative(alternative.sensor)
         elif side is True:
-            iso, remedy = _follow(iso, alternative, window, bias)
+            iso, remedy = _follow(iso, alternative, window)
             if window.part and alternative.third.side is None:  # images moved the yaw before, nobody knows how far
                 remedy = replace(remedy, fold=alternative.variance(window.t_ns))
             remedies.append(remedy)
@@ -93,13 +93,12 @@ def _turns_at_rest(alternative: Alternative, window: Window, bias: float) -> boo
     return contradict(replace(gyro, turn=turn), tracks, seconds) and not contradict(gyro, window.compass, seconds)
 
 
-def _follow(iso: Isolation, alternative: Alternative, window: Window, bias: float) -> Judged:
+def _follow(iso: Isolation, alternative: Alternative, window: Window) -> Judged:
     """Trust the alternative's sensor from now on, and exclude the one that was followed instead of it."""
     iso = iso.without_alternative(alternative.sensor).trusting(alternative.sensor)
     claim, wrong = window.claim(alternative.sensor), window.claim(alternative.against)
     if claim and wrong:
         iso = iso.excluding(alternative.against, window, claim.turn, wrong.turn - claim.turn)
-        iso = iso.with_alternative(alternative.reversed(bias, window))
     restored = alternative.bias if alternative.sensor is Sensor.GYRO else None
     rate = claim.turn / window.seconds if claim and alternative.against is Sensor.GYRO else None
     return iso, Remedy(alternative.offset, claim.sigma**2 if claim else 0.0, restored, rate=rate)
@@ -163,8 +162,8 @@ def _errs_still(iso: Isolation, one: Exclusion, claim: Claim, reference: Claim, 
     sustained = alternative is not None and not alternative.no_bias and abs(alternative.offset) > SUSTAINED * abs(off)
     if one.sensor is Sensor.COMPASS and alternative and window.gyro and sustained:
         # no single wrong match: a gyro's bias steps more often than a camera is misled for so long
-        iso, remedy = _follow(iso, alternative, window, bias)
-        iso = iso.with_alternative(replace(alternative.reversed(bias, window), refuted=False))
+        iso, remedy = _follow(iso, alternative, window)
+        iso = iso.with_alternative(alternative.reversed(bias, window))
         return iso, Remedy.of((remedy, rebias(window.gyro, claim, window, bias)))
     return iso, Remedy()
 

@@ -225,8 +225,6 @@ def _gyro_against_compass(iso: Isolation, gyro: Claim, compass: Claim, window: W
         return as_it_was(iso, alternative, window, bias)
     if side is True or (side is None and surely_gyro(window, compass.turn)):
         iso = iso.excluding(Sensor.GYRO, window, compass.turn, off)
-        if side is True:
-            iso = iso.with_alternative(images.plus(-off, window).reversed(bias, window))
         return iso, Remedy.of((iso.following(Sensor.COMPASS, window), rebias(gyro, compass, window, bias)))
     iso = iso.excluding(Sensor.COMPASS, window, gyro.turn, off)
     if not window.part:
