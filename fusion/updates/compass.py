@@ -99,8 +99,6 @@ class CompassUpdate:
             ekf, increment.yaw, increment.variance, since, until, long_baseline=increment.long_baseline
         )
         excluded = state.isolation.excludes(Sensor.COMPASS)
-        witnessed = state.gyro_since_ns is not None and state.gyro_since_ns <= event.sample.t_ref_ns
-        witnessed = witnessed and state.hears(Sensor.GYRO)
         rate = float(ekf.x[State.RATE])
         expected = ekf.expect(measurement)
         others = max(expected.S - ekf.jitter * rate**2, measurement.R)
@@ -121,14 +119,34 @@ class CompassUpdate:
         if increment.long_baseline:
             return
         state.image_excess = 0.0
-        if verdict is None or excluded:
-            return
-        if verdict is not Verdict.RECOVERED:
-            state.image_excess = max(measurement.innovation**2 - expected.S, 0.0)
-        again = state.refusal is not None and state.refusal.is_repeated_by(increment, measurement.innovation)
+        if verdict is not None and not excluded:
+            if verdict is not Verdict.RECOVERED:
+                state.image_excess = max(measurement.innovation**2 - expected.S, 0.0)
+            self._let_in_again(state, increment, measurement, verdict, slot, until, moved=moved)
+
+    def _let_in_again(
+        self,
+        state: FilterState,
+        increment: YawIncrement,
+        measurement: Measurement,
+        verdict: Verdict,
+        slot: int,
+        until: int,
+        *,
+        moved: bool,
+    ) -> None:
+        """Let an increment in that was refused for long, or twice while no gyro measured the turn; else note a refusal.
+
+        `moved`: fault isolation has just moved the yaw, so that what is refused now comes from a view of before.
+        """
+        innovation, refusal = measurement.innovation, state.refusal
+        witnessed = state.gyro_since_ns is not None and state.gyro_since_ns <= increment.t_ref_ns
+        witnessed = witnessed and state.hears(Sensor.GYRO)
+        again = refusal is not None and refusal.is_repeated_by(increment, innovation)
         if verdict is Verdict.RECOVERED or (verdict is Verdict.REJECTED and (moved or (again and not witnessed))):
+            since = State.CLONE + slot
             self._isolation.recover(state, measurement, since, until, witnessed=witnessed and not moved)
-            state.clones = state.clones.placed(slot, event.t_ns)
+            state.clones = state.clones.placed(slot, increment.t_ns)
         else:
             self._isolation.note_refusal(state, increment, measurement, verdict)
 
