@@ -109,7 +109,7 @@ class Unconfirmed:
     rate_sigma : float
         Of a turn rate that nobody measures, rad/s.
     tracks : TracksSince or None
-        What the tracks have claimed since; None where they do not speak, or were refused when the others agreed.
+        What the tracks have claimed since; None where they do not speak.
     blind_ns : int or None
         Since when nobody but the tracks can be believed to measure the turn rate: an image was refused, or the gyro
         repeats one number, or it is excluded and the robot only seems to stand.

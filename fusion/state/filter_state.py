@@ -220,12 +220,10 @@ class FilterState:
 
     def confirmed(self, rate_sigma: float) -> Unconfirmed:
         """Two sensors agree; `rate_sigma`: of a turn rate that nobody measures, rad/s."""
-        slipping = self.gates[Sensor.TRACKS].rejecting_since_ns is not None and self.hears(Sensor.COMPASS)
-        slipping = slipping and self.believes(Sensor.GYRO) and not self.isolation.contradicted
         # tracks that have said nothing yet but zero may begin to speak before the next window is over
         witness = self.speaks(Sensor.TRACKS) and (self.believes(Sensor.GYRO) or self.hears(Sensor.COMPASS))
         t_ns = self.t_ns or 0
-        claims = TracksSince.begin(self.tracks.last, t_ns) if witness and not slipping and self.tracks else None
+        claims = TracksSince.begin(self.tracks.last, t_ns) if witness and self.tracks else None
         if self.unconfirmed is None:
             return Unconfirmed(self.belief, rate_sigma, claims)
         since = {"since": self.belief, "tracks": claims, "beginning": False}
