@@ -69,6 +69,17 @@ def test_bias_that_steps_while_the_robot_stands_shows_beside_tracks(step, drives
     assert np.max(np.abs(error[late]) / np.maximum(sigma[late], FLOOR)) < 3.0
 
 
+@pytest.mark.parametrize("rate", [0.03, 0.1])
+def test_robot_that_is_carried_round_while_its_tracks_rest_is_covered(rate):
+    """A gyro at one rate has another bias then; that the robot turns stays possible as long as it does not drive."""
+    begins = 12.0
+    drive = stopped(robot_drive(4, seconds=30.0), 8.0)
+    drive = drive.changed(lambda s: replace(s, yaw_rate=s.yaw_rate + rate), GyroSample, begins)
+    t, error, sigma, _ = run(drive, (GyroSample, OdometrySample))
+    unknown = rate * np.maximum(t - begins, 0.0)
+    assert np.max((np.abs(error - unknown) / np.maximum(sigma, FLOOR))[t > begins]) < 3.0
+
+
 def stopped(drive, since):
     """The drive, but that the robot stands from a time on, s."""
     last = [s for s in drive.samples if isinstance(s, OdometrySample) and s.t_ns * 1e-9 <= since]
