@@ -38,13 +38,13 @@ class Exclusion:
     since_ns : int
         Beginning of the first window in which it contradicted.
     least_turn, least_size, least_change : float
-        Least turn rate in which it contradicted, by how much it did at least, and by how much the turn rate at least
-        changed meanwhile, rad/s: only in as much turning, and against one who knows better than that, it can show that
-        it is well; one that is late, only where the rate changes.
+        Of all windows in which it contradicted the least turn rate, the least contradiction, and the least change of
+        the turn rate, rad/s. Only windows with half of that turn rate, and half of that change where it errs in time,
+        can show that it is well, and only against a reference that is known better than half of that contradiction.
     recovery : Recovery
-        What it erred by, and what the telling windows since say.
+        The size of its errors, and the evidence since that they are over.
     agreed : int
-        In how many telling ones in a row it has agreed since.
+        In how many of such windows in a row it has agreed since.
     fitted : float or None
         Turn rate, rad/s, at which a gyro was given the bias with which it would agree. At that rate it agrees whatever
         is wrong with it; at another one only if that is its bias. None while it has erred at rest only: that is bias.

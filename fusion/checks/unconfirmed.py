@@ -1,16 +1,16 @@
-"""What the yaw owes to one sensor only, since two of them last agreed.
+"""What of the yaw's turn since two sensors last agreed only one of them has measured.
 
-A fault shows in the next image, or in the next window of turns. Until then the yaw follows the sensor that errs, and
-the filter's covariance does not know: for it the gyro is right. So the published variance also holds what is
-*unconfirmed* since the last time that two sensors agreed: what the yaw has gone on by beyond
+A fault shows in the next image or at the end of the next window of turns. Until then the yaw follows the sensor that
+errs, and the filter's covariance does not grow, as the filter takes the gyro to be right. So the published variance
+also holds what is *unconfirmed*: by how much the yaw has turned, since two sensors last agreed, beyond
 
-- what the tracks say, which confirm or contradict a gyro at once; else, as long as no third sensor speaks,
-- the turn rate that was agreed on: that a robot turns on as before needs no confirmation,
+- what the tracks claim, which confirm or contradict a gyro at every sample; without tracks,
+- what the turn rate that was agreed on comes to: that a robot turns on as before needs no confirmation.
 
-and beyond what the steps of an encoder are.
+Differences as small as the steps of an encoder do not count.
 
-Where an image was refused and no tracks speak, one of two sensors errs, and nobody measures the turn rate; nor does a
-gyro that repeats one number.
+Where an image was refused and no tracks speak, one of two sensors errs, and the turn rate is taken to be unknown; the
+same where the gyro repeats one number.
 """
 
 from __future__ import annotations
@@ -111,7 +111,7 @@ class Unconfirmed:
     tracks : TracksSince or None
         What the tracks have claimed since; None where they do not speak.
     blind_ns : int or None
-        Since when nobody but the tracks can be believed to measure the turn rate: an image was refused, or the gyro
+        Since when no sensor but the tracks is believed to measure the turn rate: an image was refused, or the gyro
         repeats one number, or it is excluded and the robot only seems to stand.
     image_ns : int or None
         When the last image came, whatever it said.
@@ -122,15 +122,15 @@ class Unconfirmed:
     seen : Belief or None
         What was believed at the last image that passed the gate.
     by_tracks : float
-        What of the yaw's variance, rad^2, the tracks alone have taken away since that image, and by how much they moved
-        the yaw, squared.
+        By how much the tracks alone have reduced the yaw's variance since that image, plus the squared shift that they
+        have given to the yaw, rad^2.
     held : float
-        What of a gyro was unconfirmed beside the tracks at the end of the last window, or of one before, rad^2: a robot
-        that turns to and fro comes by where all seems to be right, as their scale factor is not known.
+        The largest unconfirmed variance beside the tracks at the end of any window since, rad^2. The difference to the
+        tracks, whose scale factor is not known, may vanish for a moment while a robot turns to and fro.
     beginning : bool
         Whether no two sensors have agreed yet: since the start, at which a robot is taken to stand.
     left : float
-        What of before `since` is still unconfirmed, rad^2: an image confirms to within its own error only.
+        Unconfirmed variance from before `since`, rad^2: an image confirms the yaw to within its own error only.
     """
 
     since: Belief
