@@ -1,6 +1,7 @@
 """What the method `corners` is made of: the density of a parallax, tangent planes, tracks, and the ascent."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from compass import CompassConfig
 from compass.agreement import AGREE
 from compass.features.bearings import Projection, Tangents, undo
 from compass.features.density import exponentially_modified
-from compass.features.motion import Motion, parallax_score
+from compass.features.motion import Motion, parallax_score, yaw_variance
 from compass.features.padded_strip import MARGIN, WINDOW, Picture
 from compass.features.points import cut_patches, find_corners, sample
 from compass.features.prior import precision_of
@@ -202,6 +203,10 @@ def test_score_of_a_turn_is_small_and_of_a_drive_large():
 
 def test_slope_of_the_posterior_is_its_derivative():
     problem = synthetic(seed=3)
+    alone = replace(
+        problem.tangents, sector=np.arange(problem.moved.size)
+    )  # neighbours share what lies along their lines
+    problem = replace(problem, tangents=alone)
     shares, step = np.array([[0.4, 0.1, 0.2, 0.2, 0.1]]), 1e-7
     assert shares.shape[1] == MEANS_PX.size + 2
     state = TRUTH + np.array([1e-4, 2e-4, -1e-4, 0.05, 0.01])
@@ -216,6 +221,33 @@ def test_slope_of_the_posterior_is_its_derivative():
         slope = at(0.0).slopes[0, which].sum() - prior[which]
         # the corners' own scales are hidden variables, which the slope holds and the difference does not: along only
         assert slope == pytest.approx(numeric, rel=0.2, abs=300.0)
+
+
+def test_pictures_on_white_walls_are_as_many_distances():
+    """Three pictures, ten corners each, while the camera swings 2 cm aside: three parallaxes, not thirty."""
+    errors = []
+    for seed in range(8):
+        rng = np.random.default_rng(seed)
+        azimuth = np.repeat(rng.uniform(0.0, math.tau) + np.array([0.0, 2.3, 4.2]), 10) + rng.uniform(-0.1, 0.1, 30)
+        elevation = rng.uniform(0.05, 0.5, 30)
+        level = np.cos(elevation)
+        ahead = np.stack([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)])
+        inverse = np.repeat(0.02 / rng.uniform(2.0, 4.0, 3), 10) * level  # of upright walls
+        seen = ahead - inverse * np.array([0.0, 1.0, 0.0])[:, None]
+        seen /= np.linalg.norm(seen, axis=0)
+        tangents = Tangents.at(ahead)
+        moved = tangents.project(seen) + 0.4 * SIGMA * (rng.normal(size=30) + 1j * rng.normal(size=30))
+        covariance = np.stack([np.full(30, (0.4 * SIGMA) ** 2, complex), np.zeros(30, complex)])
+        precision = np.array([0.0, 400.0, 400.0, 0.0, 400.0])
+        problem = Problem(
+            tangents, moved, tangents.rotating(seen), np.zeros(5), covariance, np.zeros(5), precision, PER_PX, PER_PX
+        )
+        motion = Motion.unknown()
+        fit = motion.follow(problem)
+        yaw = float(fit.states[0, State.YAW])
+        errors.append(yaw)
+        assert abs(yaw) < 4.0 * math.sqrt(yaw_variance(fit, tangents.sector, motion.travels))
+    assert np.sqrt(np.mean(np.square(errors))) < 0.1 * PER_PX  # as thirty distances they push it by 0.24
 
 
 def test_one_exact_corner_among_outliers_can_be_solved_for():

@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from compass.features.points import Floats
+from compass.features.points import SECTORS, Floats
 from compass.flow.correlation import FLOOR_PX
 from compass.images.strip import Strip
 from compass.tilt import turned
@@ -96,21 +96,25 @@ class Tangents:
         Unit vectors, the directions themselves.
     axes : (3, n) complex array
         Their planes' axes: ``vector @ axes`` is what a vector has to the left and up.
+    sector : (n,) array
+        In which of the circle's `SECTORS` they lie, by azimuth.
     """
 
     ahead: Floats
     axes: Complexes
+    sector: Index
 
     @staticmethod
     def at(directions: Floats) -> Tangents:
         """At (3, n) unit vectors, none of them straight up or down."""
         x, y, z = directions
         level = np.hypot(x, y)
-        return Tangents(directions, np.stack([-y - 1j * z * x, x - 1j * z * y, 1j * level * level]) / level)
+        axes = np.stack([-y - 1j * z * x, x - 1j * z * y, 1j * level * level]) / level
+        return Tangents(directions, axes, ((np.arctan2(y, x) / math.tau % 1.0) * SECTORS).astype(np.intp))
 
     def some(self, index: Index | slice) -> Tangents:
         """Those of an index or a slice."""
-        return Tangents(self.ahead[:, index], self.axes[:, index])
+        return Tangents(self.ahead[:, index], self.axes[:, index], self.sector[index])
 
     def project(self, directions: Floats) -> Complexes:
         """(n,) orthographic images of (3, n) unit vectors.

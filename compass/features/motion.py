@@ -114,11 +114,13 @@ def parallax_score(turned: Fit, problem: Problem) -> float:
     """Deviations by which the likeliest direction of travel explains the residuals of a turn better than none.
 
     A score test (Rao 1948): residuals along the epipolar lines, in their deviations, are summed, each with the sine of
-    its corner's angle from the travel as its weight.
+    its corner's angle from the travel as its weight. Deviations are those that patches claim: where corners are few,
+    parallax is most of what a turn alone takes for noise.
     """
     direction = np.arange(2 * DIRECTIONS) * (math.pi / DIRECTIONS)
     lines = np.stack([np.cos(direction), np.sin(direction), 0.0 * direction], axis=1) @ problem.tangents.axes
-    along = -(lines * turned.off.conj()).real / turned.sigma  # times the sine
+    claimed = turned.sigma / math.sqrt(max(float(turned.noise[0]), 1.0))
+    along = -(lines * turned.off.conj()).real / claimed  # times the sine
     score = (turned.inlier * along).sum(axis=1)
     expected = np.sqrt((turned.inlier * np.abs(lines) ** 2).sum(axis=1))
     return float((score / np.maximum(expected, TINY)).max())
@@ -128,15 +130,20 @@ def yaw_variance(fit: Fit, sector: Index, travels: bool) -> float:
     """Variance of the yaw, rad^2: neighbours err together, so that sectors of the circle are what is independent.
 
     The jackknife over them (Efron 1982, doi:10.1137/1.9781611970319): by how much the yaw changes without each sector,
-    to first order. The sandwich estimator takes what few corners decide alone for free of error.
+    to first order. The sandwich estimator takes what few corners decide alone for free of error. What a border cuts in
+    two is in both sectors, so neighbours go together in pairs: Bartlett's weights of one lag (Newey & West 1987,
+    doi:10.2307/1913610).
     """
     used = 5 if travels else 3
     sectors = np.arange(SECTORS) == sector[:, None]
-    sectors = sectors[:, sectors.any(axis=0)].astype(np.float64)  # (n, those that show a corner)
+    seen = sectors.any(axis=0)
+    sectors = sectors[:, seen].astype(np.float64)  # (n, those that show a corner)
     slopes = fit.slopes[0, :used] @ sectors
     jacobian = fit.jacobian[0, :used]
     information = (jacobian * fit.weights[0])[:, None] * jacobian
     shares = (information[..., ::2] + information[..., 1::2]) @ sectors
     without = fit.precision[0, :used, :used] - shares.transpose(2, 0, 1)
-    change = np.linalg.solve(without, slopes.T[..., None])[:, 0, 0]
-    return float(change @ change) * (1.0 - 1.0 / max(change.size, 1)) + fit.ambiguity
+    change = np.zeros(SECTORS)
+    change[seen] = np.linalg.solve(without, slopes.T[..., None])[:, 0, 0]
+    pairs = change + np.roll(change, 1)
+    return 0.5 * float(pairs @ pairs) * (1.0 - 1.0 / max(int(seen.sum()), 1)) + fit.ambiguity

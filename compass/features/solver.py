@@ -5,6 +5,10 @@ noise; along it noise and a parallax that is never negative (see `density`); or 
 Student's t: each corner's own scale follows from its residual across, where no prior touches it, and so does the scale
 that all share. Component and both scales of a corner are the hidden variables of the EM algorithm (Dempster,
 Laird & Rubin 1977; for the t, Lange, Little & Taylor 1989, doi:10.1080/01621459.1989.10478852).
+
+Parallaxes of neighbours are no independent draws: a picture on a wall has one distance, and its ten corners would pull
+the yaw to where that is infinite. So along their lines all corners of a sector weigh as much as one: a composite
+likelihood, whose variance the jackknife over sectors gives (Varin, Reid & Firth 2011, Statistica Sinica 21, 5-42).
 """
 
 from __future__ import annotations
@@ -200,6 +204,7 @@ def ascend(problem: Problem, start: Start, extra: Floats, pushed: bool = True) -
     slope, bend = bends
     forces, weights = both = np.empty((2, *parts.shape[1:], 2))  # along and across
     bend[0] = 1.0
+    together = 1.0 / np.bincount(problem.tangents.sector)[problem.tangents.sector]
     for index, beyond in enumerate((*(extra * extra).tolist(), None)):
         if pushed or not index:  # the lines of a turn alone stay
             lines = _Lines(problem, states)
@@ -231,6 +236,8 @@ def ascend(problem: Problem, start: Start, extra: Floats, pushed: bool = True) -
         forces[..., 1], weights[..., 1] = -across * lines.across, across
         # what is not known of the corners' own scales takes its share of the information (Lange et al. 1989)
         weights *= (FREEDOM + 1.0) / (FREEDOM + 3.0)
+        if pushed:
+            both[..., 0] *= together
         precision = (jacobian * weights.reshape(len(states), 1, -1)) @ jacobian.transpose(0, 2, 1)
         precision += least_precision
         condition(precision)
