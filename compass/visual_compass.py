@@ -106,6 +106,7 @@ class VisualCompass:
         self._order = StampOrder()
         self._still_since_ns = 0  # when the last image was first taken, if the camera repeats it
         self._unmatched_since_ns: int | None = None
+        self._followed_ns = 0  # of the last image whose turn is known, if only badly
         self._sought_ns = 0  # when the last view was last sought by its corners
         self._baselines = LongBaselines()
         _, entry = find_method(self.config.method)
@@ -171,8 +172,14 @@ class VisualCompass:
             self._keyframe = self._last_view(self._last)
             match = self._compare(self._keyframe, strip)
         self.status = self._judge_match(match)
-        gap_ns = strip.t_ns - self._last.t_ns
-        if self.status is not CompassStatus.OK or (gap_ns > FROZEN_NS and self.history.misses_images(gap_ns)):
+        gap_ns = strip.t_ns - self._followed_ns
+        missed = gap_ns > FROZEN_NS and self.history.misses_images(gap_ns)
+        if match.badly_known and match.confidence >= self.config.min_confidence and not missed:
+            self._followed_ns = strip.t_ns
+            if strip.t_ns - self._last.t_ns <= SECOND_NS:
+                return None
+            self.status, match = CompassStatus.OK, replace(match, spread_px=math.inf)  # or the turn is lost
+        if self.status is not CompassStatus.OK or missed:
             across = self._across_gap(self._last, self._keyframe, strip, match)
             if across is None:
                 self._give_up_keyframe(strip)
@@ -248,6 +255,7 @@ class VisualCompass:
             self.yaw_variance = self._last_variance + self._factor_variance
         self._tilt = self._tilt_of(strip) or Tilted()
         self._unmatched_since_ns, self._sought_ns = None, strip.t_ns
+        self._followed_ns = strip.t_ns
         self._keyframe = self._last_view(self._last) if self._last is not None else None
         self._baselines.start_from(self._keyframe, strip.t_ns)
 
@@ -334,6 +342,7 @@ class VisualCompass:
         self._last_variance = keyframe.variance + variance
         self.yaw_variance = self._last_variance + self._factor_variance
         self._last = strip
+        self._followed_ns = strip.t_ns
         self._lost_turns.known(strip.t_ns)
         self._tilt = now
         self._unmatched_since_ns = None

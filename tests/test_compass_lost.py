@@ -1,6 +1,7 @@
 """Turns that no image measured: they widen the variance of the accumulated yaw, by what may have been turned."""
 
 import math
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -63,6 +64,29 @@ def test_another_place_after_a_gap_widens_the_variance_by_what_may_have_been_tur
     assert lost.bound == pytest.approx(BOUND * gap)
     assert compass.yaw_variance == pytest.approx(lost.bound**2 / 3.0, rel=1e-3)
     assert off(compass, 3.95 + dark) < math.sqrt(3.0)
+
+
+@pytest.mark.parametrize("dark", [0.0, 2.0])
+def test_turn_that_is_badly_known_is_given_before_it_is_lost_unless_images_are_missing(monkeypatch, dark):
+    compare = VisualCompass._compare
+
+    def badly(compass, keyframe, strip):
+        match = compare(compass, keyframe, strip)
+        return replace(match, variance_px2=4.0, status=CompassStatus.LOW_CONFIDENCE, badly_known=True)
+
+    compass = VisualCompass(CompassConfig(find_again=False))
+    drive(compass, 0.0, 1.0)
+    before = compass.yaw_variance
+    drive(compass, 1.0, 1.0 + dark, black)
+    monkeypatch.setattr(VisualCompass, "_compare", badly)
+    given = [one for one in drive(compass, 1.0 + dark, 3.5 + dark) if one is not None]
+    if dark:
+        assert compass.lost_turns  # another bay may look the same
+        return
+    assert compass.lost_turns == []
+    assert [round((one.t_ns - one.t_ref_ns) * 1e-9, 2) for one in given[1:]] == [1.05]
+    assert compass.yaw_variance - before == pytest.approx(2 * 4.0 * (math.tau / WIDTH) ** 2, rel=0.01)
+    assert abs(compass.yaw - RATE * (given[-1].t_ns - START_NS) * 1e-9) < 0.01
 
 
 def test_changed_size_while_turning_loses_the_turn_between_two_images():

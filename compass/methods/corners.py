@@ -220,11 +220,13 @@ def _judged(key: Keyframe, tracks: Tracks, fit: Fit, problem: Problem, match: Ma
     variance = yaw_variance(fit, sectors_of(tracks.at, tracks.columns), key.motion.travels) / px**2
     if not key.motion.travels:
         variance += FLOOR_PX**2
-    status = match.status
-    if variance > UNRELATED_PX**2 or fit.inlier.sum() < FEWEST:
+    status, inliers, badly_known = match.status, fit.inlier.sum(), False
+    if variance > UNRELATED_PX**2 or inliers < FEWEST:
+        badly_known = status is CompassStatus.OK and inliers > max(0.5 * len(key.patches), FEWEST)
         status = CompassStatus.LOW_CONFIDENCE
-    variance += (tilt_error(key.picture.strip, (tilt_x, tilt_y)) / px) ** 2
-    judged = Match(wrap_angle(yaw) / px, variance, match.confidence, status, match.spread_px, (tilt_x, tilt_y))
+    tilt = tilt_x, tilt_y
+    variance += (tilt_error(key.picture.strip, tilt) / px) ** 2
+    judged = Match(wrap_angle(yaw) / px, variance, match.confidence, status, match.spread_px, tilt, badly_known)
     if _sees_part(key.picture.strip) and _widest_gap(tracks.at[:, 0], tracks.columns) > GAP:
         judged = replace(judged, variance_px2=variance + _common_parallax(key, problem, judged) ** 2)
     return judged

@@ -48,6 +48,9 @@ class Match:
         every image the next one's reference.
     tilt : tuple of float
         Rotation of the scene about x and y since the reference, rad; zero where a method does not know.
+    badly_known : bool
+        Whether a shift that must not be used is the right one all the same, as far as its variance goes: used where the
+        turn would be lost else.
     """
 
     shift_px: float
@@ -56,6 +59,7 @@ class Match:
     status: CompassStatus = CompassStatus.OK
     spread_px: float = math.inf
     tilt: tuple[float, float] = (0.0, 0.0)
+    badly_known: bool = False
 
     @staticmethod
     def none(shift_px: float = 0.0, confidence: float = 0.0) -> Match:
