@@ -229,9 +229,23 @@ MUTANTS = (
     Mutant(
         "places-beyond-half-believed",
         "compass/features/motion.py",
-        "1.0 / max(change.size, 1)) + fit.ambiguity",
-        "1.0 / max(change.size, 1))",
+        "1.0 / max(int(seen.sum()), 1)) + fit.ambiguity",
+        "1.0 / max(int(seen.sum()), 1))",
         _tests("test_compass_gap::test_turn_that_could_as_well_be_another_one_is_ambiguous"),
+    ),
+    Mutant(
+        "neighbours-are-as-many-distances",
+        "compass/features/solver.py",
+        "both[..., 0] *= together",
+        "both[..., 0] *= 1.0",
+        _tests("test_compass_corners_parts::test_pictures_on_white_walls_are_as_many_distances"),
+    ),
+    Mutant(
+        "badly-known-turn-is-lost",
+        "compass/visual_compass.py",
+        "if match.badly_known and",
+        "if False and",
+        _tests("test_compass_lost::test_turn_that_is_badly_known_is_given_before_it_is_lost_unless_images_are_missing"),
     ),
     # ------------------------------------------------------------ compass
     Mutant(
