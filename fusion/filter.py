@@ -34,12 +34,11 @@ from fusion.state.learnt_noise import LearntNoise
 from fusion.updates.compass import CompassUpdate
 from fusion.updates.fault_isolation import FaultIsolation
 from fusion.updates.gating import Gating
-from fusion.updates.gyro import GyroUpdate
+from fusion.updates.gyro import WATCHED_NS, GyroUpdate
 from fusion.updates.odometry import TRACK_MEMORY, OdometryUpdate
 from fusion.updates.standstill import StandstillUpdate
 
 GYRO_MEMORY = 3000.0  # gyro samples; half a minute of them, legs of straight driving and turns
-WATCHED_NS = 50_000_000  # since the last gyro sample: a slower gyro does not see how the robot starts to turn
 SETTLING = 3.0  # s, over which is published what a standing robot finds out of its yaw
 
 

@@ -38,6 +38,26 @@ def test_trail_forgets_what_is_long_ago():
     assert trail.turn_at(3 * SECOND) == pytest.approx(0.9)
 
 
+@pytest.mark.parametrize(("after", "turned"), [(0.8, True), (1.2, True), (0.1, False), (0.0, False)])
+def test_trail_takes_a_refused_rate_for_a_turn_where_the_next_one_is_like_it(after, turned):
+    trail = trail_of(lambda t: 0.0, 1.0, 0.1).refusing(round(1.1 * SECOND), 1.0, None)
+    assert trail.turn_at(round(1.1 * SECOND)) == 0.0
+    trail = trail.add(round(1.2 * SECOND), after, None)
+    expected = 0.05 + 0.05 * (1.0 + after) if turned else 0.1 * after
+    assert trail.turn_at(round(1.2 * SECOND)) == pytest.approx(expected)
+
+
+@pytest.mark.parametrize("refused", [0.0, 2.0])
+def test_turn_since_the_last_gyro_sample_is_as_uncertain_as_delay_and_rate_are(refused):
+    ekf, spread = YawEkf(FusionConfig()), 0.04
+    ekf.x[State.RATE] = 0.5
+    ekf.P[State.RATE, State.RATE], ekf.P[State.CAMERA_DELAY, State.CAMERA_DELAY] = 0.3**2, spread**2
+    trail = trail_of(lambda t: 0.5)
+    known = exposure(ekf, SECOND, trail, refused=refused).variance
+    found = exposure(ekf, SECOND + SECOND // 10, trail, refused=refused).variance
+    assert found - known == pytest.approx((0.3**2 + refused**2) * spread**2)
+
+
 @pytest.mark.parametrize("delay", [0.0, 0.03, 0.1])
 def test_linearisation_over_an_uncertain_delay_is_exact_where_the_rate_changes_steadily(delay):
     rate, acceleration, sigma = 0.4, 1.5, 0.04

@@ -55,17 +55,35 @@ class TrailPoint(NamedTuple):
 
 @record
 class GyroTrail:
-    """What a gyro claimed lately; between two samples the rate changes linearly, after the last it stays."""
+    """What a gyro claimed lately; between two samples the rate changes linearly, after the last it stays.
+
+    A sample that the gate has `refused` waits for the next one: if that is nearer to it than to the last one that was
+    not, the robot did turn so.
+    """
 
     points: tuple[TrailPoint, ...] = ()
+    refused: tuple[int, float, Vector | None] | None = None
 
     def add(self, t_ns: int, rate: float, up: Vector | None) -> GyroTrail:
         """With one more rate (rad/s), not older than the last, and the vertical then."""
+        return GyroTrail(self._with_refused(rate)._and(t_ns, rate, up))
+
+    def refusing(self, t_ns: int, rate: float, up: Vector | None) -> GyroTrail:
+        """The same of one that the gate has refused."""
+        return GyroTrail(self._with_refused(rate).points, (t_ns, rate, up))
+
+    def _with_refused(self, rate: float) -> GyroTrail:
+        if self.refused is None or not self.points:
+            return self
+        nearer = abs(rate - self.refused[1]) < abs(rate - self.points[-1].rate)
+        return GyroTrail(self._and(*self.refused)) if nearer else self
+
+    def _and(self, t_ns: int, rate: float, up: Vector | None) -> tuple[TrailPoint, ...]:
         turn = 0.0
         if self.points:
             last = self.points[-1]
             turn = last.turn + 0.5 * (last.rate + rate) * (t_ns - last.t_ns) * 1e-9
-        return GyroTrail((*self.points[self._place(t_ns - TRAIL_NS) :], TrailPoint(t_ns, rate, turn, up)))
+        return (*self.points[self._place(t_ns - TRAIL_NS) :], TrailPoint(t_ns, rate, turn, up))
 
     def _place(self, t_ns: int) -> int:
         """Where the first point is that is not before a time."""

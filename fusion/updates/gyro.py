@@ -25,11 +25,12 @@ from fusion.updates.gyro_scale import tie_to_scale
 if TYPE_CHECKING:
     from fusion.state.filter_state import FilterState
 
+WATCHED_NS = 50_000_000  # between two samples: a slower gyro does not see how the robot starts to turn
 PITCH_SIGMAS = 10.0  # of a gyro that nobody has calibrated: more is no bias, but a pitch; not derived
 VAGUE_FACTOR = 100.0  # times the noise of a gyro sample; from one of that a turn of 1 rad/s would not stand out
-SURELY_TURNING = (
-    9.0  # times the variance of a sample: three deviations, as its noise is more once in 370 times; not derived
-)
+CHANGED = np.s_[: State.RATE + 1, : State.RATE + 1]  # yaw and turn rate
+# Times the variance of a sample: three deviations, as its noise is more once in 370 times; not derived.
+SURELY_TURNING = 9.0
 
 
 class GyroUpdate:
@@ -100,6 +101,10 @@ class GyroUpdate:
         if since_ns is not None and measurement.innovation**2 > self._gating.limit * expected.S:
             allow_start(state.ekf, (event.t_ns - since_ns) * 1e-9)
             expected = state.ekf.expect(measurement)
+        unwatched = since_ns is not None and WATCHED_NS < event.t_ns - since_ns <= RATE_SILENT_NS
+        if since_ns is not None and unwatched and not state.stillness.standing:
+            allow_change(state.ekf, measurement.innovation**2 - expected.S, (event.t_ns - since_ns) * 1e-9)
+            expected = state.ekf.expect(measurement)
         verdict = self._gating.judge(state, Sensor.GYRO, measurement, expected)
         if not state.stillness.standing and verdict is Verdict.ACCEPTED:
             walked = math.sqrt(max(prior, 0.0) / state.ekf.rate_walk_scale)
@@ -107,6 +112,8 @@ class GyroUpdate:
         if verdict is not Verdict.REJECTED:
             state.trail = state.trail.add(sample.t_ns, sample.yaw_rate, up)
             self._learn_noise(state, sample)
+        elif not state.isolation.excludes(Sensor.GYRO):
+            state.trail = state.trail.refusing(sample.t_ns, sample.yaw_rate, up)
         self._recover(state, event, measurement, verdict, refused)
 
     def _allow_factor(self, state: FilterState, factor_sigma: float) -> None:
@@ -223,3 +230,14 @@ def allow_start(ekf: YawEkf, seconds: float) -> None:
     if missing > 0.0:
         ekf.P = ekf.P.copy()
         ekf.P[TURNING] += missing * turning(ekf.config.rate_ramp, min(seconds, LONGEST_STEP))[1]
+
+
+def allow_change(ekf: YawEkf, variance: float, seconds: float) -> None:
+    """Let the turn rate have changed once, at any time in the last `seconds`, by a `variance`, (rad/s)^2.
+
+    What an innovation has beyond its own variance is the likeliest one. A sample then leaves the yaw of the
+    trapezoidal rule, uncertain by the change times the seconds over the root of twelve.
+    """
+    if variance > 0.0:
+        ekf.P = ekf.P.copy()
+        ekf.P[CHANGED] += variance * np.array([[seconds**2 / 3.0, seconds / 2.0], [seconds / 2.0, 1.0]])

@@ -21,13 +21,16 @@ def exposure_of(state: FilterState) -> Exposure:
     if state.stillness.standing:
         return Exposure(float(state.x[State.CAMERA_DELAY]))
     trail = state.trail if state.trail.points and state.hears(Sensor.GYRO) else None
-    return exposure(state.ekf, state.t_ns or 0, trail, state.gyro_noise.factor.variance)
+    gate = state.gates[Sensor.GYRO]
+    refused = gate.report.innovation if gate.report and gate.rejecting_since_ns is not None else 0.0
+    return exposure(state.ekf, state.t_ns or 0, trail, state.gyro_noise.factor.variance, refused)
 
 
-def exposure(ekf: YawEkf, t_ns: int, trail: GyroTrail | None, noise: float = 1.0) -> Exposure:
+def exposure(ekf: YawEkf, t_ns: int, trail: GyroTrail | None, noise: float = 1.0, refused: float = 0.0) -> Exposure:
     """What happened between the exposure of an image stamped `t_ns`, the present, and that stamp.
 
-    The variance of the gyro's samples is `noise` times what is configured.
+    The variance of the gyro's samples is `noise` times what is configured. The last one is refused if it is off by
+    `refused`, rad/s.
 
     Without a gyro's `trail` the delay is taken for known: it is not observable, and as an unknown it would let the
     tracks draw the yaw about.
@@ -40,9 +43,10 @@ def exposure(ekf: YawEkf, t_ns: int, trail: GyroTrail | None, noise: float = 1.0
     turn, rate = (claimed.turn - bias * delay) / gain, (claimed.rate - bias) / gain
     unseen = ekf.config.watched_rate_walk**2 * max(-delay, 0.0) ** 3 / 3.0  # exposed after the last sample
     last = trail.points[-1]
-    held, since = (last.rate - bias) / gain, min(max(delay, 0.0), (t_ns - last.t_ns) * 1e-9)
-    # a gyro whose samples come late: its last rate is held, and the filter may know of another from the images
-    unseen += ((float(ekf.x[State.RATE]) - held) ** 2 + float(ekf.P[State.RATE, State.RATE])) * since**2
+    # after the last sample its rate is held, and the filter may know of another from the images, or from a refused one
+    beyond = float(ekf.x[State.RATE]) - (last.rate - bias) / gain
+    since_squared = min(max(delay, 0.0) ** 2 + variance, ((t_ns - last.t_ns) * 1e-9) ** 2)
+    unseen += (beyond**2 + refused**2 + float(ekf.P[State.RATE, State.RATE])) * since_squared
     rate_variance = claimed.rate_variance / gain**2
     return Exposure(delay, turn, rate, claimed.variance + unseen, watched=True, rate_variance=rate_variance)
 
