@@ -8,7 +8,8 @@ import pytest
 from robot_drive import HZ, Eyes, sensed
 
 from compass import YawIncrement
-from fusion import FusionConfig, GyroSample, YawPipeline
+from fusion import FusionConfig, GyroSample, OdometrySample, YawFusion, YawPipeline
+from fusion.checks.scale_conflict import WRONG, compass_errs
 
 
 @pytest.mark.parametrize(("gyro", "compass"), [(1.0, 1.0), (1.0, 1.05), (1.0, 0.95), (1.05, 1.0)])
@@ -37,6 +38,33 @@ def test_yaw_owns_up_to_a_conflict_of_scales(gyro, compass):
         assert widest < math.radians(1.0)
     else:
         assert named == {"compass+gyro"}
+
+
+@pytest.mark.parametrize("compass", [0.98, 0.985, 1.015, 1.02])
+@pytest.mark.parametrize("who", [(YawIncrement, GyroSample), (YawIncrement, GyroSample, OdometrySample)])
+def test_factor_that_may_be_the_gyros_may_be_the_images_as_well(who, compass):
+    rate = np.convolve(np.repeat([0.0, 0.2, -0.15, 0.25, 0.1], 6 * HZ), np.hanning(HZ) / np.hanning(HZ).sum(), "same")
+    eyes = Eyes(hold=5.0, noise=2e-4, lasts=8e-5, time=6.0, claims_all=False)
+    drive = sensed(np.random.default_rng(3), rate, 0.8 * (rate != 0.0), hertz=(50, 20, 5), eyes=eyes)
+    drive = drive.changed(lambda s: replace(s, yaw=compass * s.yaw), YawIncrement)
+    fusion, ratios = YawFusion(), []
+    for sample in drive.samples:
+        if isinstance(sample, who):
+            fusion.add(sample)
+            estimate = fusion.estimate()
+            if estimate.t_ns > 9_000_000_000:  # it takes some of a turn to learn the difference
+                ratios.append(abs(drive.error(estimate)) / math.sqrt(estimate.yaw_variance))
+    assert max(ratios) < 4.0
+    assert not fusion.warnings()
+
+
+def test_probability_that_the_images_err_grows_with_the_difference():
+    sigma = FusionConfig.gyro_scale_sigma
+    found = [compass_errs(scale * sigma, sigma) for scale in (0.0, 1.0, 2.0, 3.0)]
+    assert found[0] < WRONG < found[-1]
+    assert found == sorted(found)
+    assert compass_errs(-sigma, sigma) == found[1]
+    assert compass_errs(0.0, 0.0) == 0.0
 
 
 @pytest.mark.parametrize(

@@ -8,11 +8,13 @@ from fusion.checks.warnings import Warning
 from fusion.record import record, replace
 
 SIGMAS = 3.0  # of the gyro's prior: 1 in 370 gyros that are sound is beyond
+# Not derived. Of ten cameras one turns by a wrong factor, as by a tilt of 11 deg or a projection; larger ones are named
+WRONG, WRONG_SIGMA = 0.1, 0.02
 
 
 @record
 class ScaleConflict:
-    """By what factor gyro and compass differ, beyond what the gyro's prior explains.
+    """By what factor gyro and compass differ, and how likely it is that the compass is the one that is wrong.
 
     The filter follows the compass and learns the difference as the gyro's scale. The tracks' scale is free, they cannot
     decide. If the compass is wrong instead, the yaw is wrong by that part of the whole turn.
@@ -26,7 +28,7 @@ class ScaleConflict:
     scale : float
         Excess of the gyro's scale factor over the compass's, as learnt.
     sigma : float
-        Standard deviation of the yaw as a part of the turn since `yaw`; 0 where they do not differ.
+        Standard deviation of the yaw as a part of the turn since `yaw`.
     since_yaw : float
         Yaw then, rad.
     images : float
@@ -49,8 +51,8 @@ class ScaleConflict:
         is `left` of it is for good.
         """
         if abs(scale) <= SIGMAS * prior_sigma:
-            unchanged = self.since_ns is None and self.images == images
-            return self if unchanged else ScaleConflict(self.yaw, images=images)
+            sigma = abs(scale) * math.sqrt(compass_errs(scale, prior_sigma))
+            return ScaleConflict(self.yaw, scale=scale, sigma=sigma, images=images)
         begun = self if self.since_ns is not None else replace(self, since_ns=t_ns, since_yaw=yaw)
         return replace(begun, scale=scale, sigma=math.sqrt(scale**2 + variance), images=images)
 
@@ -75,3 +77,16 @@ class ScaleConflict:
             f" images show {360.0 / ratio:.0f} degrees, not 360; the yaw may be wrong by that"
         )
         return (Warning("sensors_disagree_scale", "compass+gyro", self.since_ns, text),)
+
+
+def compass_errs(scale: float, prior_sigma: float) -> float:
+    """Probability that a factor by which gyro and compass differ, less one, is the compass's: by Bayes' rule.
+
+    A compass turns by the right factor, but for `WRONG` of them, whose factor is off by `WRONG_SIGMA`.
+    """
+    if prior_sigma <= 0.0:
+        return 0.0
+    wider = math.hypot(WRONG_SIGMA, prior_sigma)
+    right = (1.0 - WRONG) / prior_sigma * math.exp(-0.5 * (scale / prior_sigma) ** 2)
+    wrong = WRONG / wider * math.exp(-0.5 * (scale / wider) ** 2)
+    return wrong / (right + wrong)
