@@ -8,8 +8,8 @@ from fusion.checks.warnings import Warning
 from fusion.record import record, replace
 
 SIGMAS = 3.0  # of the gyro's prior: 1 in 370 gyros that are sound is beyond
-# Not derived. Of ten cameras one turns by a wrong factor, as by a tilt of 11 deg or a projection; larger ones are named
-WRONG, WRONG_SIGMA = 0.1, 0.02
+# Not derived. Of twenty cameras one turns by a wrong factor, as by a tilt of 11 deg, or a projection; larger are named
+WRONG, WRONG_SIGMA = 0.05, 0.02
 
 
 @record
