@@ -8,8 +8,9 @@ from fusion.checks.warnings import Warning
 from fusion.record import record, replace
 
 SIGMAS = 3.0  # of the gyro's prior: 1 in 370 gyros that are sound is beyond
-# Not derived. Of twenty cameras one turns by a wrong factor, as by a tilt of 11 deg, or a projection; larger are named
-WRONG, WRONG_SIGMA = 0.05, 0.02
+# Not derived. Of a hundred cameras one turns by a wrong factor, as by a tilt of 11 deg; larger ones are named.
+# With one in twenty 2 % are 2.1 sigma instead of 4.4, but of a gyro 2 % off beside a right camera nobody is sure.
+WRONG, WRONG_SIGMA = 0.01, 0.02
 
 
 @record
