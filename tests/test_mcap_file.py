@@ -9,11 +9,14 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import lz4.frame
+import numpy as np
 import pytest
+from mcap.writer import Writer
 from tiny_bags import START_NS, TinyBag
 
 from fusion.offline.bag import Bag, BagError
 from fusion.offline.bag_messages import IMU
+from fusion.offline.mcap_file import McapFile
 from fusion.offline.storage import zstd
 
 MAGIC = b"\x89MCAP0\r\n"
@@ -204,6 +207,89 @@ def test_mcap_that_is_cut_while_it_is_read_is_refused(tmp_path, imu):
         os.truncate(path, 4000)
         with pytest.raises(BagError, match="truncated"):
             list(messages)
+
+
+@pytest.mark.parametrize("tail", [b"", bytes(5000)])
+@pytest.mark.parametrize("kept", [0.4, 0.6, 0.8, 1.0])
+@pytest.mark.parametrize(("per_chunk", "compression"), [(0, ""), (7, ""), (7, "lz4"), (7, "zstd")])
+def test_mcap_without_its_end_is_read_up_to_the_cut_and_that_is_told(tmp_path, imu, per_chunk, compression, kept, tail):
+    """As of a recorder that lost power, whose last blocks may be zeros. `kept` is the share of the messages' bytes."""
+    path = write(tmp_path / "x.mcap", imu, per_chunk=per_chunk, compression=compression)
+    sound = path.read_bytes()
+    ends = sound.index(record(15, bytes(4)))
+    path.write_bytes(sound[: int(kept * ends)] + tail)
+    with Bag(path, tell=False) as bag:
+        found = [(bag.deserialize(message).header.stamp.nanosec) // 10**6 for message in bag.messages("/imu")]
+        assert [topic.count for topic in bag.topics] == [len(found)]
+        assert bag.end_ns == START_NS + found[-1] * 10**6
+        (fault,) = bag.faults
+    assert "its end is missing" in fault
+    assert found == list(range(len(found)))
+    assert len(found) == COUNT if kept == 1.0 else 0 < len(found) < COUNT
+    assert per_chunk == 0 or len(found) in (7, 14, 21, 28, 35, COUNT)
+
+
+@pytest.mark.parametrize("per_chunk", [0, 7])
+def test_mcap_without_its_end_holds_only_messages_that_are_whole(tmp_path, imu, per_chunk):
+    """Cut at each byte of the last message, or in its chunk."""
+    path = write(tmp_path / "x.mcap", imu, per_chunk=per_chunk)
+    sound = path.read_bytes()
+    ends, last = sound.index(record(15, bytes(4))), len(imu.messages[-1][1])
+    for cut in range(ends - last, ends, 7):
+        path.write_bytes(sound[:cut])
+        with Bag(path, tell=False) as bag:
+            assert [message.raw for message in bag.messages("/imu")] == [
+                raw for _, raw in imu.messages[: 35 if per_chunk else COUNT - 1]
+            ]
+
+
+def test_mcap_without_its_end_and_any_message_is_refused(tmp_path, imu):
+    path = write(tmp_path / "x.mcap", imu, per_chunk=7)
+    path.write_bytes(path.read_bytes()[:300])
+    with pytest.raises(BagError, match=r"truncated or damaged .*mcap recover"):
+        numbers(path)
+
+
+def test_mcap_that_grows_is_being_recorded(tmp_path, imu, monkeypatch):
+    path = write(tmp_path / "x.mcap", imu, per_chunk=7)
+    path.write_bytes(path.read_bytes()[:-8])
+    count = McapFile._count
+
+    def record_meanwhile(file, summary):
+        count(file, summary)
+        with path.open("ab") as recorder:
+            recorder.write(b"\6")
+
+    monkeypatch.setattr(McapFile, "_count", record_meanwhile)
+    with pytest.raises(BagError, match=r"x\.mcap: is being recorded; stop the recorder first"):
+        numbers(path)
+
+
+@pytest.mark.parametrize("profile", ["ros1", ""])
+def test_mcap_of_ros1_messages_is_read_as_the_bag_is(tmp_path, profile):
+    """As ``mcap convert`` makes it of a .bag."""
+    with TinyBag(tmp_path / "a.bag", storage="ros1") as tiny:
+        for i in range(COUNT):
+            tiny.imu("/imu", START_NS + i * 10**6, 0.1)
+            tiny.compressed("/pano", START_NS + i * 10**6, np.full((4, 8), i, np.uint8))
+    with Bag(tmp_path / "a.bag") as bag, (tmp_path / "a.mcap").open("wb") as file:
+        writer = Writer(file)
+        writer.start(profile=profile, library="test")
+        channels = {}
+        for one in bag._files.connections:
+            schema = writer.register_schema(one.msgtype.replace("/msg/", "/"), "ros1msg", one.msgdef.data.encode())
+            channels[one.topic] = writer.register_channel(one.topic, "ros1", schema)
+        beside = writer.register_channel("/status", "json", writer.register_schema("Status", "jsonschema", b"{}"))
+        writer.add_message(beside, START_NS, b"{}", START_NS)
+        for message in bag.messages("/imu", "/pano"):
+            writer.add_message(channels[message.topic], message.record_ns, message.raw, message.record_ns)
+        writer.finish()
+    with Bag(tmp_path / "a.bag") as bag, Bag(tmp_path / "a.mcap") as packed:
+        assert packed.topics == bag.topics
+        for mine, theirs in zip(packed.messages("/imu", "/pano"), bag.messages("/imu", "/pano"), strict=True):
+            assert mine == theirs
+            assert packed.deserialize(mine).header.stamp == bag.deserialize(theirs).header.stamp
+        assert list(packed.replay(["/imu"])) == list(bag.replay(["/imu"]))
 
 
 @pytest.mark.parametrize("summary", ["all", "index"])

@@ -13,19 +13,10 @@ from fusion.messages import MessageError
 from fusion.offline.atomic_output import scratch_folder
 from fusion.offline.bag_errors import OURS, explain, remedy
 from fusion.offline.bag_files import BagFiles
-from fusion.offline.bag_messages import IMAGES, IMU, ODOMETRY, VIDEOS, Message, Topic, stamp_of
+from fusion.offline.bag_messages import CDR, IMAGES, IMU, ODOMETRY, ROS1, VIDEOS, Message, Topic, stamp_of
 from fusion.offline.bag_types import BagTypes
 from fusion.offline.metadata import contradictions
-from fusion.offline.storage import (
-    MCAP,
-    ROS1,
-    SQLITE,
-    WANTED,
-    BagError,
-    Workshop,
-    find_files,
-    unpacked,
-)
+from fusion.offline.storage import KINDS, WANTED, BagError, Workshop, find_files, unpacked
 from fusion.offline.to_ros2 import Ros2Converter
 
 __all__ = ["Bag", "BagError"]
@@ -33,7 +24,6 @@ __all__ = ["Bag", "BagError"]
 log = logging.getLogger(__name__)
 
 NEGLIGIBLE = 0.01  # of messages and of a bag's time; single messages are lost by any link
-CDR = "cdr"
 PAUSE = 5  # periods of the messages; a longer one is a gap
 
 
@@ -75,13 +65,14 @@ class Bag(AbstractContextManager["Bag"]):
         with ExitStack() as stack:
             workshop = Workshop(lambda: stack.enter_context(scratch_folder()))
             readable = [self._guarded(self._made_readable, workshop, file) for file in files]
-            self._is_ros2 = readable[0].suffix != ROS1
             self._files: BagFiles = self._guarded(BagFiles, readable)
             stack.callback(self._files.close)
-            self._types = BagTypes(self._files.connections, 2 if self._is_ros2 else 1)
+            self._is_ros2, self._serialised = (False, ROS1) if self._files.ros == 1 else (True, CDR)
+            self._types = BagTypes(self._files.connections, self._files.ros)
             self.topics = self._guarded(self._count_topics)
             self._stack = stack.pop_all()
-        for fault in (*faults, *workshop.faults):
+        of_files = [(f"{self._names[str(file)]}: " * (len(files) > 1)) + fault for file, fault in self._files.faults]
+        for fault in (*faults, *workshop.faults, *of_files):
             self._note(fault)
         if metadata is not None:
             counts = {topic.name: topic.count for topic in self.topics}
@@ -98,14 +89,14 @@ class Bag(AbstractContextManager["Bag"]):
     def _made_readable(self, workshop: Workshop, file: Path) -> Path:
         readable = workshop.readable(file)
         self._names[str(readable)] = file.name
-        if readable.suffix not in (ROS1, MCAP, SQLITE):
+        if readable.suffix not in KINDS:
             raise BagError(f"{file.name} holds no bag; {WANTED}")
         return readable
 
     def _count_topics(self) -> list[Topic]:
         """Topics with the number of their messages; of those in a foreign encoding only what was looked for is told."""
         found = self._files.connections
-        foreign = {c.topic: _encoding(c) for c in found if _encoding(c) != CDR}
+        foreign = {c.topic: _encoding(c) for c in found if _encoding(c) != self._serialised}
         if foreign and len(foreign) == len({c.topic for c in found}):
             raise BagError(f"its messages are encoded as {next(iter(foreign.values()))!r}; {OURS}")
         topics = []
@@ -134,7 +125,7 @@ class Bag(AbstractContextManager["Bag"]):
         connections = [
             c
             for c in self._files.connections
-            if c.topic in topics and self.has_header(c.msgtype) and _encoding(c) == CDR
+            if c.topic in topics and self.has_header(c.msgtype) and _encoding(c) == self._serialised
         ]
         if not connections:
             return
@@ -230,5 +221,5 @@ class Bag(AbstractContextManager["Bag"]):
 
 
 def _encoding(connection: Any) -> str:
-    """How the messages are serialised; in ROS 1 there is one way."""
-    return str(getattr(connection.ext, "serialization_format", CDR))
+    """How the messages are serialised; in bags of ROS 1 there is one way."""
+    return str(getattr(connection.ext, "serialization_format", ROS1))

@@ -10,7 +10,7 @@ from fusion.offline.storage import MCAP, ROS1, kind_of
 
 _CUT = ("truncated", "end magic", "endoffile", "index", "could not read", "expected", "malformed", "footer", "seek")
 _LONGEST = 120  # characters of what the library says
-OURS = "only those of ROS 2 (cdr, ros2msg or ros2idl) are read"
+OURS = "only those of ROS are read: cdr by ros2msg or ros2idl, and ros1 by ros1msg"
 
 
 def explain(error: Exception, path: Path, names: Mapping[str, str]) -> str:

@@ -10,7 +10,7 @@ import heapq
 from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Protocol
+from typing import Literal, Protocol
 
 from rosbags.interfaces import Connection
 from rosbags.rosbag1 import Reader
@@ -28,6 +28,8 @@ class _File(Protocol):
     connections: list[Connection]
     start_ns: int
     end_ns: int
+    ros: Literal[1, 2]
+    fault: str
 
     def messages(self, connections: Collection[Connection], from_ns: int = EARLIEST_NS) -> Iterator[Recorded]: ...
 
@@ -36,6 +38,9 @@ class _File(Protocol):
 
 class _Ros1File:
     """As `_File`, by the bag library."""
+
+    ros: Literal[1, 2] = 1
+    fault = ""
 
     def __init__(self, path: Path) -> None:
         self._stack = ExitStack()
@@ -67,6 +72,10 @@ class BagFiles:
         Of all files; a topic may have several.
     start_ns, end_ns : int
         When the first and the last message were recorded, ns.
+    ros : 1 or 2
+        Whose messages they are.
+    faults : list of (Path, str)
+        Files that are read although something is wrong with them, and what.
     """
 
     def __init__(self, paths: Sequence[Path]) -> None:
@@ -76,6 +85,8 @@ class BagFiles:
                 self._files.append(_KINDS[path.suffix](path))
                 stack.callback(self._files[-1].close)
             self._stack = stack.pop_all()
+        self.ros = self._files[0].ros
+        self.faults = [(path, file.fault) for path, file in zip(paths, self._files, strict=True) if file.fault]
         self.connections = [one for file in self._files for one in file.connections]
         filled = [file for file in self._files if any(one.msgcount for one in file.connections)]
         self.start_ns = min((file.start_ns for file in filled), default=0)

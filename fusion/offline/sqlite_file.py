@@ -6,6 +6,7 @@ import os
 import sqlite3
 from collections.abc import Collection, Iterator
 from pathlib import Path
+from typing import Literal
 from urllib.parse import quote
 
 from rosbags.interfaces import Connection, ConnectionExtRosbag2, MessageDefinition, MessageDefinitionFormat
@@ -38,6 +39,9 @@ class SqliteFile:
     sqlite3.DatabaseError
         It is damaged.
     """
+
+    ros: Literal[1, 2] = 2
+    fault = ""
 
     def __init__(self, path: Path) -> None:
         _check_size(path)

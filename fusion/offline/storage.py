@@ -21,6 +21,7 @@ from compass.parameters import shown
 from fusion.offline.metadata import Metadata, MetadataError, read_metadata
 
 ROS1, MCAP, SQLITE, ZSTD = ".bag", ".mcap", ".db3", ".zstd"
+KINDS = (ROS1, MCAP, SQLITE)
 _MAGIC = {b"#ROSBAG V2.0": ROS1, b"\x89MCAP0\r\n": MCAP, b"SQLite format 3\0": SQLITE, b"\x28\xb5\x2f\xfd": ZSTD}
 # first bytes of what SQLite may have beside a database, where it holds something; sqlite.org/fileformat.html
 _COMPANIONS = {"-wal": (b"\x37\x7f\x06\x82", b"\x37\x7f\x06\x83"), "-journal": (b"\xd9\xd5\x05\xf9\x20\xa1\x63\xd7",)}
