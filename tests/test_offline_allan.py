@@ -48,6 +48,30 @@ def test_white_noise_alone_has_no_walk_and_no_lowest_point():
     assert curve.random_walk is None
 
 
+def test_walk_that_is_not_seen_is_bounded():
+    """Of white noise the longest averaging time, a tenth of the recording, leaves room for sqrt(3) N / tau."""
+    pytest.importorskip("allantools", reason="needs allantools")
+    curve = allan_curve(noise(300.0, walk=0.0), RATE)
+    assert curve.walk_bound == pytest.approx(math.sqrt(3.0) * DENSITY / 30.0, rel=0.5)
+    for share in (0.1, 0.3):
+        curves = [allan_curve(noise(150.0, walk=share * WALK, seed=seed), RATE) for seed in range(6)]
+        bounds = [curve.walk_bound for curve in curves if curve.random_walk is None]
+        assert len(bounds) > 1
+        assert min(bounds) > share * WALK
+
+
+def test_kalibrs_file_holds_no_zero_which_kalibr_refuses(tmp_path):
+    pytest.importorskip("allantools", reason="needs allantools")
+    with TinyBag(tmp_path / "imu") as bag:
+        for index, rate in enumerate(noise(70.0, walk=0.0)):
+            bag.imu("/imu/data", START_NS + index * 10**7, rate)
+    out, kalibr = tmp_path / "gyro.yaml", tmp_path / "imu.yaml"
+    assert main(["allan", str(tmp_path / "imu"), "--out", str(out), "--kalibr", str(kalibr)]) == 0
+    assert yaml.safe_load(kalibr.read_text())["gyroscope_random_walk"] > 0.0
+    assert "gyroscope_random_walk" in kalibr.read_text().partition("# not seen: at most this")[0]
+    assert "bias_walk" not in yaml.safe_load(out.read_text())["/**"]["ros__parameters"]["fusion"]
+
+
 def test_a_gyro_that_repeats_a_number_is_refused():
     pytest.importorskip("allantools", reason="needs allantools")
     with pytest.raises(AllanError, match="one and the same number"):

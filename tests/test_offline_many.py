@@ -17,7 +17,7 @@ from fusion.offline import batch_progress, console
 from fusion.offline.atomic_output import OutputError
 from fusion.offline.bag_task import FAILED, FUSED, SKIPPED, BagOutcome, BagTask, run_task
 from fusion.offline.batch_table import COLUMNS, check_tables, row_of, write_tables
-from fusion.offline.cli import main
+from fusion.offline.cli import cli, main
 from fusion.offline.find_bags import find_bags
 from fusion.offline.report.table import report_of_folder
 from fusion.offline.topics import TopicRequest
@@ -243,6 +243,13 @@ def test_progress_of_many_in_a_pipe_counts_parts_too(tmp_path, capsys):
     now[0] = 120.0  # where no parts are told, as on a cluster
     lines.end(BagOutcome("/c", tmp_path, FUSED))
     assert capsys.readouterr().err == "3 of 4 bags, 1 failed, 40 s left\n"
+
+
+@pytest.mark.parametrize("name", sorted(cli.commands))
+def test_every_command_takes_quiet_and_verbose(name):
+    assert {"-q", "--quiet", "-v", "--verbose"} <= {
+        word for option in cli.commands[name].params for word in option.opts
+    }
 
 
 @pytest.mark.parametrize("words", [["-q", "fuse"], ["fuse", "-q"], ["fuse", "--quiet"]])

@@ -50,6 +50,11 @@ class AllanCurve:
     instability: float | None
     random_walk: float | None
 
+    @property
+    def walk_bound(self) -> float:
+        """The largest random walk for which the curve has room, unit/s/sqrt(Hz): it alone, at some averaging time."""
+        return float(np.min(self.deviation * np.sqrt(3.0 / self.tau)))
+
 
 def longest_stretch(t_ns: Times) -> tuple[slice, float]:
     """The longest part of sorted stamps without a gap, and its rate, Hz.

@@ -72,6 +72,11 @@ def _measured(path: Path, topic: str | None) -> tuple[KalibrImu, str]:
         chosen.name,
         max(one.density for one in others) if others else None,
         max(one.random_walk or 0.0 for one in others) if others else None,
+        {
+            f"{name}_random_walk": max(one.walk_bound for one in axes)
+            for name, axes in (("gyroscope", gyros), ("accelerometer", others))
+            if axes and all(one.random_walk is None for one in axes)
+        },
     )
     rows = [_row(name, curve, float(readings[:, AXES.index(name)].mean())) for name, curve in curves.items()]
     header = ["", "mean", "noise density", "instability", "random walk"]

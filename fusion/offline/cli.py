@@ -18,7 +18,7 @@ from fusion.offline.commands import allan, report
 from fusion.offline.evaluate_command import evaluate
 from fusion.offline.garbage import collect_seldom
 from fusion.offline.interruption import Interrupted, interruptible
-from fusion.offline.sensor_options import sensor_file_options, topic_options
+from fusion.offline.sensor_options import PATH, sensor_file_options, topic_options
 from fusion.offline.verbosity import QuietGroup, anything_printable, output_checked, say
 
 if TYPE_CHECKING:
@@ -33,7 +33,6 @@ for variable in ("OPENBLAS_NUM_THREADS", "OPENCV_FOR_THREADS_NUM"):
 os.environ.setdefault("MALLOC_MMAP_THRESHOLD_", str(32 << 20))
 os.environ.setdefault("MALLOC_TRIM_THRESHOLD_", str(128 << 20))
 
-_PATH = click.Path(path_type=Path)
 _FORCE = click.option("--force", is_flag=True, help="Write where something else is than an earlier result.")
 
 
@@ -45,8 +44,8 @@ def cli() -> None:
 
 @cli.command(short_help="Fuse bags: yaw as CSV, TUM, MCAP, a summary and a plot.")
 @click.argument("bags", nargs=-1, required=True, metavar="BAG...")
-@click.option("--out", type=_PATH, metavar="DIR", help="Folder for the results  [default: ./<bag>_yaw; of many: .]")
-@click.option("--config", type=_PATH, metavar="YAML", help="Parameters in ROS form; see config/visual_compass.yaml.")
+@click.option("--out", type=PATH, metavar="DIR", help="Folder for the results  [default: ./<bag>_yaw; of many: .]")
+@click.option("--config", type=PATH, metavar="YAML", help="Parameters in ROS form; see config/visual_compass.yaml.")
 @click.option("--smooth", is_flag=True, help="Add the fixed-interval (RTS) smoother.")
 @click.option(
     "--report", "with_report", is_flag=True, help="Add report.html: everything zoomable on one page, without network."
@@ -100,9 +99,9 @@ def fuse(
 
 
 @cli.command(short_help="What is in a bag, and what is wrong with it.")
-@click.argument("bag", type=_PATH)
-@click.option("--roi-preview", type=_PATH, metavar="PNG", help="Draw the region of interest over a frame.")
-@click.option("--config", type=_PATH, metavar="YAML", help="Parameters in ROS form, for the region of interest.")
+@click.argument("bag", type=PATH)
+@click.option("--roi-preview", type=PATH, metavar="PNG", help="Draw the region of interest over a frame.")
+@click.option("--config", type=PATH, metavar="YAML", help="Parameters in ROS form, for the region of interest.")
 @click.option("--image-topic", "image", metavar="T", help="Panoramas to preview.")
 @_FORCE
 def inspect(bag: Path, roi_preview: Path | None, config: Path | None, image: str | None, force: bool) -> None:
@@ -121,9 +120,9 @@ def inspect(bag: Path, roi_preview: Path | None, config: Path | None, image: str
 
 @cli.command(short_help="Write a simulated experiment as a bag with ground truth.")
 @click.argument("experiment", required=False)
-@click.option("--out", type=_PATH, metavar="BAG", help="Bag to write: name.mcap, or a name for a rosbag2 folder.")
+@click.option("--out", type=PATH, metavar="BAG", help="Bag to write: name.mcap, or a name for a rosbag2 folder.")
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of noise, slip and world.")
-@click.option("--config", type=_PATH, metavar="YAML", help="Parameters in ROS form, for the topics' names.")
+@click.option("--config", type=PATH, metavar="YAML", help="Parameters in ROS form, for the topics' names.")
 @_FORCE
 def simulate(experiment: str | None, out: Path | None, seed: int, config: Path | None, force: bool) -> None:
     """Simulate EXPERIMENT and write it as a bag with ground truth; without EXPERIMENT, list them."""
@@ -139,17 +138,17 @@ def simulate(experiment: str | None, out: Path | None, seed: int, config: Path |
 
 
 @cli.command(short_help="Propose settings from a recording of your own.")
-@click.argument("bag", type=_PATH)
+@click.argument("bag", type=PATH)
 @click.option(
     "--out",
-    type=_PATH,
+    type=PATH,
     metavar="YAML",
     default=Path("calibrated.yaml"),
     show_default=True,
     help="Settings to write, ready for --config.",
 )
-@click.option("--mask-preview", type=_PATH, metavar="PNG", help="Draw what belongs to the robot over a frame.")
-@click.option("--config", type=_PATH, metavar="YAML", help="Parameters in ROS form to start from.")
+@click.option("--mask-preview", type=PATH, metavar="PNG", help="Draw what belongs to the robot over a frame.")
+@click.option("--config", type=PATH, metavar="YAML", help="Parameters in ROS form to start from.")
 @_FORCE
 @sensor_file_options
 @topic_options
@@ -176,7 +175,7 @@ def calibrate(
 
 @cli.command(short_help="Simulate a short drive, fuse it, compare with the truth.")
 @click.option(
-    "--out", type=_PATH, metavar="DIR", default=Path("demo"), show_default=True, help="Folder for bag and results."
+    "--out", type=PATH, metavar="DIR", default=Path("demo"), show_default=True, help="Folder for bag and results."
 )
 @_FORCE
 def demo(out: Path, force: bool) -> None:

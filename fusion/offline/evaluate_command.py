@@ -7,10 +7,8 @@ from pathlib import Path
 import click
 
 from compass.config import METHODS
-from fusion.offline.sensor_options import topic_options
+from fusion.offline.sensor_options import PATH, topic_options
 from fusion.offline.verbosity import QuietCommand
-
-PATH = click.Path(path_type=Path)
 
 
 @click.command(cls=QuietCommand, short_help="Score every compass, each sensor and the fused yaw.")

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import yaml
@@ -31,6 +32,8 @@ class KalibrImu:
         Topic; empty where none is given.
     accelerometer_noise_density, accelerometer_random_walk : float or None
         m/s^2/sqrt(Hz) and m/s^3/sqrt(Hz).
+    bounds : mapping of str to float
+        Of what was not seen and is zero here: what it is at most. Kalibr takes no zero.
     """
 
     gyroscope_noise_density: float
@@ -39,14 +42,17 @@ class KalibrImu:
     rostopic: str = ""
     accelerometer_noise_density: float | None = None
     accelerometer_random_walk: float | None = None
+    bounds: Mapping[str, float] = field(default_factory=dict)
 
     def as_yaml(self) -> str:
         """As Kalibr reads it."""
         lines = [KALIBR_HEAD]
-        for name in self.__dataclass_fields__:
-            value = getattr(self, name)
+        for name in list(self.__dataclass_fields__)[:-1]:
+            bound = self.bounds.get(name)
+            value = getattr(self, name) if bound is None else bound
             if value not in (None, ""):
-                lines.append(yaml.safe_dump({name: value if isinstance(value, str) else float(f"{value:.4g}")}).strip())
+                line = yaml.safe_dump({name: value if isinstance(value, str) else float(f"{value:.4g}")}).strip()
+                lines.append(line if bound is None else f"{line}  # not seen: at most this")
         return "\n".join(lines) + "\n"
 
 

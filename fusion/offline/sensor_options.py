@@ -12,6 +12,7 @@ import click
 from fusion.offline.sensor_columns import GYRO_COLUMNS, ODOMETRY_COLUMNS, TRUTH_COLUMNS
 
 Command = TypeVar("Command", bound=Callable[..., None])
+PATH = click.Path(path_type=Path, readable=False)  # what cannot be read is told where it is read, in our words
 
 
 class Moment(click.ParamType):  # type: ignore[type-arg, unused-ignore]  # generic since click 8.4
@@ -31,7 +32,6 @@ class Moment(click.ParamType):  # type: ignore[type-arg, unused-ignore]  # gener
 
 def sensor_file_options(command: Callable[..., None]) -> Callable[..., None]:
     """Give a command the options, and their values as its argument `sensors`."""
-    file = click.Path(path_type=Path)
 
     @functools.wraps(command)
     def with_files(
@@ -54,14 +54,14 @@ def sensor_file_options(command: Callable[..., None]) -> Callable[..., None]:
             metavar="S",
             help="Time of a video's first frame by the clock of the CSV files, s  [default: 0]",
         ),
-        click.option("--truth", "truth_file", type=file, metavar="CSV", help=f"Beside a video: {TRUTH_COLUMNS}."),
+        click.option("--truth", "truth_file", type=PATH, metavar="CSV", help=f"Beside a video: {TRUTH_COLUMNS}."),
         click.option(
-            "--odometry", "odometry_file", type=file, metavar="CSV", help=f"Beside a video: {ODOMETRY_COLUMNS}."
+            "--odometry", "odometry_file", type=PATH, metavar="CSV", help=f"Beside a video: {ODOMETRY_COLUMNS}."
         ),
         click.option(
             "--gyro",
             "gyro_file",
-            type=file,
+            type=PATH,
             metavar="CSV",
             help=f"Beside a video or a folder of images: {GYRO_COLUMNS}; 'embedded': the gyro inside the video.",
         ),
