@@ -14,10 +14,14 @@ DISTRIBUTION = "visual-compass"
 
 def main() -> int:
     """Entry point of ``visual-compass``."""
-    check_packages("compass", "fusion")
-    from fusion.offline.cli import main as command
+    try:
+        check_packages("compass", "fusion")
+        from fusion.offline.cli import main as command
 
-    return command()
+        return command()
+    except KeyboardInterrupt:  # while the command loads, or again while it ends
+        print(f"{DISTRIBUTION}: interrupted", file=sys.stderr)
+        return 130
 
 
 def check_packages(*names: str) -> None:

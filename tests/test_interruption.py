@@ -6,6 +6,8 @@ import sys
 
 import pytest
 
+import visual_compass
+
 WAITS = """
 import signal, sys, time, weakref
 from fusion.offline.interruption import Interrupted, interruptible
@@ -48,6 +50,15 @@ def test_interruption_is_heard_where_python_ignores_what_is_raised(place, number
     code = WAITS.format(place=place, number=int(number))
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=300, check=False)
     assert (done.returncode, done.stderr) == (128 + number, "")
+
+
+def test_interruption_while_the_command_loads_is_a_line(monkeypatch, capsys):
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(visual_compass, "check_packages", interrupted)
+    assert visual_compass.main() == 130
+    assert capsys.readouterr().err == "visual-compass: interrupted\n"
 
 
 def test_interruption_leaves_signals_and_hooks_as_they_were():

@@ -57,7 +57,7 @@ def cluster(tmp_path):
         address = written_address(scheduler_file)
         for name in "ab":
             started("worker", address, "--nthreads", "1", "--no-nanny", "--name", name)
-        yield address, processes[1:]
+        yield address, processes
     finally:
         for process in reversed(processes):
             process.kill()
@@ -66,7 +66,7 @@ def cluster(tmp_path):
 
 
 def test_cluster_of_which_a_worker_is_killed_ends_every_bag_once(bags, cluster, tmp_path, capsys):
-    address, (victim, _) = cluster
+    address, (_, victim, _) = cluster
     out = tmp_path / "results"
     killed_at = []
 
@@ -98,6 +98,29 @@ def test_cluster_of_which_a_worker_is_killed_ends_every_bag_once(bags, cluster, 
     assert main(["fuse", "-q", str(bags), "--jobs", "1", "--out", str(out)]) == 0
     with (out / "summary.csv").open() as file:
         assert {row["status"] for row in csv.DictReader(file)} == {"skipped"}
+
+
+def test_cluster_whose_scheduler_is_killed_is_one_line_and_what_is_finished_stays(bags, cluster, tmp_path, capsys):
+    address, (scheduler, *_) = cluster
+    out = tmp_path / "results"
+
+    def kill_in_the_middle():
+        while not list(out.glob("*_yaw")) and not done.wait(0.02):
+            pass
+        scheduler.send_signal(signal.SIGKILL)
+
+    done = threading.Event()
+    killer = threading.Thread(target=kill_in_the_middle)
+    killer.start()
+    try:
+        code = main(["fuse", str(bags), "--scheduler", address, "--out", str(out)])
+    finally:
+        done.set()
+        killer.join()
+    assert code == 1
+    lines = [line for line in capsys.readouterr().err.splitlines() if line.startswith(("failed", "visual-compass"))]
+    assert lines == [f"visual-compass: {address}: the scheduler has gone; the same command goes on with the rest"]
+    assert list(out.glob("*_yaw"))
 
 
 def test_cluster_that_is_not_there_is_one_line(bags, tmp_path, capsys, monkeypatch):

@@ -46,7 +46,8 @@ def test_folder_that_is_one_recording_is_one_bag(bags, tmp_path):
     (tmp_path / ".hidden").mkdir()
     shutil.copy(bags / "mon" / "drive.mcap", tmp_path / ".hidden")
     (tmp_path / "notes.txt").touch()
-    found = [str(tmp_path / name) for name in ("empty.mcap", "listed", "parts", "single/drive.mcap")]
+    (tmp_path / "DRIVE.BAG").touch()  # as of a card with a FAT file system
+    found = [str(tmp_path / name) for name in ("DRIVE.BAG", "empty.mcap", "listed", "parts", "single/drive.mcap")]
     assert find_bags([str(tmp_path)]) == found
     for name in ("single", "parts", "listed"):
         assert find_bags([str(tmp_path / name)]) == [str(tmp_path / name)]

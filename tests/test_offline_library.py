@@ -87,6 +87,8 @@ def test_library_refuses_arguments_of_a_wrong_kind_in_a_line(arguments, said, ti
 
 
 def test_text_for_a_path_is_refused_in_words(tiny_bag):
+    with pytest.raises(ArgumentError, match=r"out is 'here', a str; give pathlib.Path"):
+        fuse_bag(tiny_bag, "here", Settings())
     with pytest.raises(ArgumentError, match=r"path is '.*tiny.mcap', a str; give pathlib.Path"):
         fuse_bag(str(tiny_bag), None, Settings())
 

@@ -1,5 +1,6 @@
 """Nothing of the user's is lost: whose place results take, what they repeat, what remains where a run breaks off."""
 
+import errno
 import json
 import shutil
 from pathlib import Path
@@ -7,6 +8,7 @@ from pathlib import Path
 import pytest
 from tiny_bags import START_NS, TinyBag, TinyDrive
 
+from fusion.offline import atomic_output
 from fusion.offline.atomic_output import OutputError, staged_folder
 from fusion.offline.bag import Bag, BagError
 from fusion.offline.cli import main
@@ -172,6 +174,25 @@ def test_replacement_that_breaks_off_leaves_what_was_there(tmp_path, monkeypatch
     with staged_folder(target) as staging:
         (staging / "yaw.csv").write_text("new")
     assert tree(tmp_path) == {"out/yaw.csv": b"new", "out/notes/a.txt": b"mine"}
+
+
+def test_what_cannot_be_kept_leaves_all_as_it_was(tmp_path, monkeypatch):
+    """Such as a folder of another user among the results, which may not be read."""
+    (tmp_path / "results").mkdir()
+    (tmp_path / "results" / "notes.txt").write_text("mine")
+
+    def refuse(*_):
+        raise PermissionError(errno.EACCES, "Permission denied")
+
+    monkeypatch.setattr(atomic_output, "_link", refuse)
+    with (
+        pytest.raises(
+            OutputError, match=r"results: what else is in it cannot be kept: Permission denied; give another"
+        ),
+        staged_folder(tmp_path / "results") as staging,
+    ):
+        (staging / "yaw.csv").write_text("new")
+    assert [path.name for path in tmp_path.rglob("*")] == ["results", "notes.txt"]
 
 
 def test_folder_that_a_killed_run_had_moved_away_comes_back(tmp_path):

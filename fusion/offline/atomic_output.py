@@ -49,7 +49,11 @@ def staged_folder(target: Path, ours: Sequence[str] = ()) -> Iterator[Path]:
     with _staging(target) as staging:
         yield staging
         if target.exists():
-            _keep_others(target, staging, ours)
+            try:
+                _keep_others(target, staging, ours)
+            except (OSError, shutil.Error) as error:
+                why = getattr(error, "strerror", None) or str(error)
+                raise OutputError(f"{target}: what else is in it cannot be kept: {why}; give another --out") from error
             _exchange(target, staging)
         else:
             staging.replace(target)

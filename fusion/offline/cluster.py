@@ -40,6 +40,9 @@ def run_on_cluster(tasks: Sequence[BagTask], scheduler: str) -> Iterator[BagOutc
     except (OSError, ValueError) as error:
         words = " ".join(str(error).split()) or type(error).__name__
         raise VisualCompassError(f"{scheduler}: no Dask scheduler answers there: {words}") from error
+    if not log.isEnabledFor(logging.INFO):
+        for name in ("distributed", "distributed.client"):  # their traces, of what is a line here
+            logging.getLogger(name).setLevel(logging.CRITICAL)
     with client:
         if not client.scheduler_info()["workers"]:
             log.warning("%s: no worker is there yet; waiting for one", scheduler)
@@ -52,6 +55,8 @@ def run_on_cluster(tasks: Sequence[BagTask], scheduler: str) -> Iterator[BagOutc
 
         completed = distributed.as_completed(submit(MOST_SUBMITTED), loop=client.loop)
         for future in completed:
+            if future.cancelled():  # nobody else withdraws any
+                raise VisualCompassError(f"{scheduler}: the scheduler has gone; the same command goes on with the rest")
             task = under_way.pop(future)
             yield _outcome(future, task)
             future.release()

@@ -116,9 +116,10 @@ def _search(folder: Path, leave_out: Path | None, *, inner: bool = False) -> lis
 
 def named_like_a_bag(name: str) -> bool:
     """Whether a file has the name of a bag, compressed or not."""
+    plain = name.lower()
     for end in PACKED:
-        name = name.removesuffix(end)
-    return not name.startswith(".") and name.endswith(SUFFIXES)
+        plain = plain.removesuffix(end)
+    return not plain.startswith(".") and plain.endswith(SUFFIXES)
 
 
 def _is_one_recording(folder: Path) -> bool:

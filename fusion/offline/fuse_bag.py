@@ -100,9 +100,10 @@ def fuse_bag(
     VisualCompassError
         The bag or the place for the results cannot be used; nothing is written then.
     """
-    if not isinstance(path, Path):
-        given = f"path is {path!r}, a {type(path).__name__}"
-        raise ArgumentError(f"{given}; give pathlib.Path, or call fusion.offline.fuse, which takes both")
+    for name, value in (("path", path), ("out", out or Path())):
+        if not isinstance(value, Path):
+            given = f"{name} is {value!r}, a {type(value).__name__}"
+            raise ArgumentError(f"{given}; give pathlib.Path, or call fusion.offline.fuse, which takes both")
     if report:
         check_bokeh()
     if rerun:

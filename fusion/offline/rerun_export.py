@@ -34,7 +34,9 @@ def write_rerun(path: Path, run: FusedRun, pictures: Thumbnails) -> None:
 
     def send(name: str, t_ns: Any, columns: Any) -> None:
         stamps = np.asarray(t_ns, np.int64).astype("datetime64[ns]")
-        stream.send_columns(name, indexes=[rr.TimeColumn("stamp", timestamp=stamps)], columns=columns)
+        stream.send_columns(
+            rr.new_entity_path(name.split("/")), indexes=[rr.TimeColumn("stamp", timestamp=stamps)], columns=columns
+        )
 
     for name, track in aligned_yaws(run).items():
         send(f"yaw_deg/{name}", track.t_ns, rr.Scalars.columns(scalars=np.degrees(track.yaw)))
