@@ -122,6 +122,19 @@ def test_interrupted_run_keeps_what_is_finished_and_goes_on(bags, tmp_path, in_t
     assert [row["status"] for row in rows(out).values()] == [SKIPPED, FUSED]
 
 
+def test_place_without_room_for_the_table_is_left_as_it_was(tmp_path, in_this_process, monkeypatch, capsys):
+    in_this_process()
+
+    def full(*_):
+        raise OutputError("no room")
+
+    monkeypatch.setattr("fusion.offline.batch.write_tables", full)
+    words = ["fuse", str(tmp_path / "none.mcap"), "--jobs", "1", "--out", str(tmp_path / "out")]
+    assert main(words) == 1
+    assert capsys.readouterr().err.endswith("visual-compass: no room\n")
+    assert list(tmp_path.iterdir()) == []
+
+
 @pytest.mark.parametrize("place", ["full", "file", "foreign.csv"])
 def test_place_that_is_something_else_is_refused(bags, tmp_path, place, capsys):
     out = tmp_path / "out"
@@ -159,6 +172,17 @@ def test_recording_by_url_is_fused_and_recognised(bags, tmp_path):
     assert (gone.status, gone.error) == (FAILED, "memory:///store/none.mcap: no such file")
     assert "cannot be brought here" in run_task(task("nosuch://x/y.mcap", tmp_path / "none")).error
     assert not (tmp_path / "none").exists()
+
+
+def test_recording_by_url_is_recognised_where_the_server_gives_no_parts(bags, tmp_path, monkeypatch):
+    fsspec = pytest.importorskip("fsspec", reason="needs the extra `cluster`")
+    memory = fsspec.filesystem("memory")
+    memory.pipe("/whole/mon.mcap", (bags / "mon" / "drive.mcap").read_bytes())
+    monkeypatch.setattr("fusion.offline.bag_task.remote_source", lambda url: None)
+    url = "memory:///whole/mon.mcap"
+    assert [run_task(task(url, tmp_path / "out")).status for _ in range(2)] == [FUSED, SKIPPED]
+    memory.pipe("/whole/mon.mcap", (bags / "tue" / "drive.mcap").read_bytes())
+    assert "as it was before it changed" in run_task(task(url, tmp_path / "out")).error
 
 
 def test_recording_that_fails_unforeseen_is_told_with_its_trace(bags, tmp_path, monkeypatch):

@@ -100,9 +100,12 @@ def run_task(task: BagTask, progress: Progress = lambda part: None) -> BagOutcom
     try:
         if task.version != __version__:
             raise VisualCompassError(f"{task.bag}: the worker has visual-compass {__version__}, not {task.version}")
-        if done := _finished(task):
+        done = _by_its_settings(task)
+        if done and done.is_of(_source(task.bag)):
             return outcome(SKIPPED, summary=done.summary)
         with _on_disk(task.bag) as path:
+            if done and is_url(task.bag) and done.is_of(source_of(path)):  # a folder, or of a server without parts
+                return outcome(SKIPPED, summary=done.summary)
             fused = fuse_bag(
                 path,
                 task.folder,
@@ -124,16 +127,13 @@ def run_task(task: BagTask, progress: Progress = lambda part: None) -> BagOutcom
         return outcome(FAILED, error=f"{task.bag}: {type(error).__name__}: {words}", trace=traceback.format_exc())
 
 
-def _finished(task: BagTask) -> EarlierResult | None:
-    """The results, if they are complete, of this content and by these settings."""
+def _by_its_settings(task: BagTask) -> EarlierResult | None:
+    """The results of any recording in the folder, if they are complete and by these settings."""
     earlier = earlier_result(task.folder)
     if earlier is None or earlier.settings_hash != settings_hash(settings_as_used(task.settings, task.request)):
         return None
     wanted = [name for name, asked in ((REPORT, task.report), (RERUN, task.rerun)) if asked]
-    if not all((task.folder / name).is_file() for name in (*ALWAYS, *wanted)):
-        return None
-    source = _source(task.bag)
-    return earlier if source is not None and earlier.source.same_as(source) else None
+    return earlier if all((task.folder / name).is_file() for name in (*ALWAYS, *wanted)) else None
 
 
 def _source(bag: str) -> Source | None:

@@ -91,6 +91,7 @@ def fuse_bags(
                 progress.end(outcome)
                 rows[outcome.bag] = row_of(outcome, place)
                 outcomes[outcome.bag] = replace(outcome, summary={})  # of a hundred thousand that would be a lot
+        tables = _write(place, bags, rows)
     except BaseException as error:
         if any(one.status != FAILED for one in outcomes.values()):
             _write(place, bags, rows)
@@ -99,7 +100,7 @@ def fuse_bags(
             with suppress(OSError):  # not empty
                 place.rmdir()
         raise
-    return BatchResult([outcomes[bag] for bag in bags], [out / table.name for table in _write(place, bags, rows)])
+    return BatchResult([outcomes[bag] for bag in bags], [out / table.name for table in tables])
 
 
 def _run(tasks: Sequence[BagTask], jobs: int, scheduler: str | None, progress: BatchProgress) -> Iterator[BagOutcome]:

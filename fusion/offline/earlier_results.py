@@ -32,6 +32,10 @@ class EarlierResult:
     settings_hash: str
     summary: dict[str, Any]
 
+    def is_of(self, source: Source | None) -> bool:
+        """Whether it is of this recording, as far as that is known."""
+        return source is not None and self.source.same_as(source)
+
 
 def earlier_result(folder: Path) -> EarlierResult | None:
     """What is in a folder of results; None where it is no such folder."""

@@ -47,7 +47,7 @@ def find_bags(words: Sequence[str], leave_out: Path | None = None) -> list[str]:
         if not word.strip():
             raise BagError(f"{word!r} names nothing, as a shell's variable that is not set; {WANTED}")
         if is_url(word):
-            found += [word] if named_like_a_bag(word) and "*" not in word else find_urls(word, SUFFIXES)
+            found += [word] if named_like_a_bag(word) and "*" not in word else find_urls(word, named_like_a_bag)
         elif any(sign in word for sign in _PATTERN) and not os.path.lexists(word):
             paths = sorted(glob.glob(word, recursive=True))
             if not paths:

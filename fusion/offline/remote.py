@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -21,8 +21,8 @@ def is_url(name: str) -> bool:
     return _URL.match(name) is not None
 
 
-def find_urls(url: str, suffixes: Sequence[str]) -> list[str]:
-    """The recordings that a URL names: itself, those of a pattern, or those below a folder.
+def find_urls(url: str, is_bag: Callable[[str], bool]) -> list[str]:
+    """The recordings that a URL names: itself, those of a pattern, or those below a folder whose name `is_bag`.
 
     Raises
     ------
@@ -34,7 +34,7 @@ def find_urls(url: str, suffixes: Sequence[str]) -> list[str]:
         if "*" in path:
             found = sorted(files.glob(path))
         elif files.isdir(path) and not files.exists(f"{path.rstrip('/')}/metadata.yaml"):
-            found = sorted(name for name in files.find(path) if name.endswith(tuple(suffixes)))
+            found = sorted(name for name in files.find(path) if is_bag(name.rsplit("/", 1)[-1]))
         else:
             return [url]
         if not found:
