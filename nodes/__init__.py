@@ -13,4 +13,7 @@ os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 if sys.argv[:1] == ["-m"]:  # so it is while `python -m nodes.fusion_node` looks for the module that it is to run
+    from visual_compass import check_packages
+
     signal.signal(signal.SIGINT, signal.SIG_DFL)  # Ctrl-C while the libraries load ends it without a traceback
+    check_packages("compass", "fusion")

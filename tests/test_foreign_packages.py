@@ -10,6 +10,7 @@ import pytest
 ROOT = Path(__file__).parents[1]
 STARTS = {
     "command": ["-c", "import sys, visual_compass; sys.exit(visual_compass.main())", "--version"],
+    "module": ["-m", "nodes.fusion_node"],
     **{file.name: [str(file)] for file in sorted((ROOT / "nodes" / "executables").iterdir()) if file.is_file()},
 }
 
