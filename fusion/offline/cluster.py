@@ -55,18 +55,19 @@ def run_on_cluster(tasks: Sequence[BagTask], scheduler: str) -> Iterator[BagOutc
 
         completed = distributed.as_completed(submit(MOST_SUBMITTED), loop=client.loop)
         for future in completed:
-            if future.cancelled():  # nobody else withdraws any
-                raise VisualCompassError(f"{scheduler}: the scheduler has gone; the same command goes on with the rest")
             task = under_way.pop(future)
-            yield _outcome(future, task)
+            yield _outcome(future, task, scheduler)
             future.release()
             completed.update(submit(1))
 
 
-def _outcome(future: Any, task: BagTask) -> BagOutcome:
+def _outcome(future: Any, task: BagTask, scheduler: str) -> BagOutcome:
     try:
         outcome: BagOutcome = future.result()
         return outcome
-    except Exception as error:  # that of a worker, or that it died too often
+    except Exception as error:  # of Dask: `run_task` raises none
+        if future.cancelled() or isinstance(error, OSError):  # withdrawn by nobody; or the connection is lost
+            gone = f"{scheduler}: the scheduler has gone; the same command goes on with the rest"
+            raise VisualCompassError(gone) from error
         words = " ".join(str(error).split()) or type(error).__name__
         return BagOutcome(task.bag, task.folder, FAILED, f"{task.bag}: {type(error).__name__}: {words}")
