@@ -25,13 +25,15 @@ $(VENV)/dev.stamp: $(VENV)/base.stamp
 demo: $(VENV)/base.stamp
 	$(BIN)/visual-compass demo
 
-# the tests of one file share what they have simulated
+# The tests of one file share what they have simulated; one process more than cores, as nodes wait for each other.
+TESTS = $(BIN)/python -m pytest -n $$(($$(nproc) + 1)) --dist loadfile
+
 test: $(VENV)/dev.stamp
-	$(BIN)/python -m pytest -n auto --dist loadfile
+	$(TESTS)
 
 # what conftest.py does not mark as slow
 check: lint
-	$(BIN)/python -m pytest -n auto --dist loadfile -m 'not slow'
+	$(TESTS) -m 'not slow'
 
 lint: $(VENV)/dev.stamp
 	$(BIN)/ruff check .

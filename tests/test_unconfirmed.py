@@ -106,11 +106,10 @@ def test_pose_of_another_publisher_or_after_a_reset_is_no_turn(hertz):
     assert sigma[settled].max() < 1.0
 
 
-@pytest.mark.parametrize("seed", [0, 1, 2, 4])
-@pytest.mark.parametrize("tracks", [True, False])
+@pytest.mark.parametrize(("seed", "tracks"), [(0, True), (1, True), (4, True), (0, False)])
 def test_tracks_settle_what_images_claimed_until_their_next_keyframe(seed, tracks):
     """A place that looks the same, turned by 180 deg: the gate refuses that, and the next keyframe says it no more."""
-    ride = robot_drive(seed, seconds=20.0, compass_hz=15, eyes=Eyes(hold=0.3))
+    ride = robot_drive(seed, seconds=12.0, compass_hz=15, eyes=Eyes(hold=0.3))
     turned = lambda s: replace(s, yaw=float(wrap_angle(s.yaw + math.pi))) if s.t_ref_ns < 9.7e9 else s  # noqa: E731
     ride = ride.changed(turned, YawIncrement, since=9.7)
     if not tracks:
@@ -122,7 +121,7 @@ def test_tracks_settle_what_images_claimed_until_their_next_keyframe(seed, track
 
 def test_tracks_that_rest_while_gyro_and_images_turn_say_nothing():
     """A robot that starts at 1 deg/s may stand beside a crowd, as its dead tracks have it, until it turns otherwise."""
-    t = np.arange(20 * HZ) / HZ
+    t = np.arange(8 * HZ) / HZ
     rate = 0.02 + 0.8 * np.sin(t - 2.0) * (t > 2.0)
     ride = sensed(np.random.default_rng(1), rate, 0.3 + 0.0 * t)
     ride = ride.changed(lambda s: replace(s, yaw_rate=0.0, speed=0.0, yaw=0.0), OdometrySample)
