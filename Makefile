@@ -25,15 +25,13 @@ $(VENV)/dev.stamp: $(VENV)/base.stamp
 demo: $(VENV)/base.stamp
 	$(BIN)/visual-compass demo
 
-# The tests of one file share what they have simulated; one process more than cores, as nodes wait for each other.
-TESTS = $(BIN)/python -m pytest -n $$(($$(nproc) + 1)) --dist loadfile
-
+# the tests of one file share what they have simulated
 test: $(VENV)/dev.stamp
-	$(TESTS)
+	$(BIN)/python -m pytest -n auto --dist loadfile
 
 # what conftest.py does not mark as slow
 check: lint
-	$(TESTS) -m 'not slow'
+	$(BIN)/python -m pytest -n auto --dist loadfile -m 'not slow'
 
 lint: $(VENV)/dev.stamp
 	$(BIN)/ruff check .

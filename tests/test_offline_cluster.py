@@ -65,19 +65,16 @@ def cluster(tmp_path):
             process.wait()
 
 
-def test_cluster_of_which_a_worker_is_killed_ends_every_bag_once(bags, cluster, tmp_path, capsys):
-    address, (_, victim, _) = cluster
-    out = tmp_path / "results"
-    killed_at = []
+def fused_while_killing(victim, bags, address, out):
+    """Exit code of a run, and how many results were there when `victim` was killed: some, while more are written."""
+    killed_at, done = [], threading.Event()
 
     def kill_in_the_middle():
-        """Once the first results are there, and something is being written."""
         while not list(out.glob("*_yaw")) and not done.wait(0.02):
             pass
         victim.send_signal(signal.SIGKILL)
         killed_at.append(len(list(out.glob("*_yaw"))))
 
-    done = threading.Event()
     killer = threading.Thread(target=kill_in_the_middle)
     killer.start()
     try:
@@ -85,8 +82,15 @@ def test_cluster_of_which_a_worker_is_killed_ends_every_bag_once(bags, cluster, 
     finally:
         done.set()
         killer.join()
+    return code, killed_at[0]
+
+
+def test_cluster_of_which_a_worker_is_killed_ends_every_bag_once(bags, cluster, tmp_path, capsys):
+    address, (_, victim, _) = cluster
+    out = tmp_path / "results"
+    code, killed_at = fused_while_killing(victim, bags, address, out)
     assert code == 0
-    assert killed_at[0] < COUNT  # in the middle
+    assert killed_at < COUNT  # in the middle
     # What the killed one had finished and not reported is asked for again, and found finished: then "skipped".
     assert f"{COUNT} bags: " in (said := capsys.readouterr().out)
     assert "failed" not in said
@@ -103,20 +107,7 @@ def test_cluster_of_which_a_worker_is_killed_ends_every_bag_once(bags, cluster, 
 def test_cluster_whose_scheduler_is_killed_is_one_line_and_what_is_finished_stays(bags, cluster, tmp_path, capsys):
     address, (scheduler, *_) = cluster
     out = tmp_path / "results"
-
-    def kill_in_the_middle():
-        while not list(out.glob("*_yaw")) and not done.wait(0.02):
-            pass
-        scheduler.send_signal(signal.SIGKILL)
-
-    done = threading.Event()
-    killer = threading.Thread(target=kill_in_the_middle)
-    killer.start()
-    try:
-        code = main(["fuse", str(bags), "--scheduler", address, "--out", str(out)])
-    finally:
-        done.set()
-        killer.join()
+    code, _ = fused_while_killing(scheduler, bags, address, out)
     assert code == 1
     lines = [line for line in capsys.readouterr().err.splitlines() if line.startswith(("failed", "visual-compass"))]
     assert lines == [f"visual-compass: {address}: the scheduler has gone; the same command goes on with the rest"]
