@@ -146,7 +146,6 @@ class FaultIsolation:
         """What each sensor says of the window that ends now, calibrated as known at its beginning."""
         x, turns, t_ns = state.ekf.x, state.turns, state.t_ns or 0
         compass = turns.compass
-        slip = state.slip_turn.variance, state.slip_speed.variance
         seen = None
         if compass and compass.t_ns == t_ns:
             seen = Claim(compass.turn, math.sqrt(compass.turn_variance), begin=compass.first, end=compass.last)
@@ -155,7 +154,7 @@ class FaultIsolation:
             start_ns,
             t_ns,
             gyro_claim(turns, start_ns, t_ns, self._config, state.gyro_noise.factor.variance),
-            tracks_claim(turns, start_ns, t_ns, self._config, *slip),
+            self._tracks_claim(state, start_ns),
             seen,
             float(x[State.YAW]) - turns.start.yaw,
             repeats,
@@ -219,14 +218,17 @@ class FaultIsolation:
     def _tracks_refute(self, state: FilterState, off: float) -> bool:
         """Whether tracks show that images erred by `off`, rad, and not the gyro, which is followed."""
         known = state.unconfirmed
-        if known is None or not (state.believes(Sensor.GYRO) and state.believes(Sensor.TRACKS)):
+        independent = state.common_source.one is False
+        if known is None or not (independent and state.believes(Sensor.GYRO) and state.believes(Sensor.TRACKS)):
             return False
-        if state.common_source.one is not False:
-            return False
-        slip = state.slip_turn.variance, state.slip_speed.variance
-        start_ns, t_ns = state.turns.start_ns, state.t_ns or 0
-        claim = tracks_claim(state.turns, start_ns, t_ns, self._config, *slip) if start_ns is not None else None
+        start_ns = state.turns.start_ns
+        claim = self._tracks_claim(state, start_ns) if start_ns is not None else None
         return known.refutes(off, claim.noise**2 if claim else 0.0, state.belief)
+
+    def _tracks_claim(self, state: FilterState, start_ns: int) -> Claim | None:
+        """What the tracks say of the window that began then."""
+        slip = state.slip_turn.variance, state.slip_speed.variance
+        return tracks_claim(state.turns, start_ns, state.t_ns or 0, self._config, *slip)
 
     def _add_gyro_alternative(self, state: FilterState, since_ns: int, offset: float) -> None:
         """Keep the alternative that the gyro's bias is as before."""

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 WATCHED_NS = 50_000_000  # between two samples: a slower gyro does not see how the robot starts to turn
 PITCH_SIGMAS = 10.0  # of a gyro that nobody has calibrated: more is no bias, but a pitch; not derived
 VAGUE_FACTOR = 100.0  # times the noise of a gyro sample; from one of that a turn of 1 rad/s would not stand out
-CHANGED = np.s_[: State.RATE + 1, : State.RATE + 1]  # yaw and turn rate
+YAW_AND_RATE = np.s_[: State.RATE + 1, : State.RATE + 1]
 # Times the variance of a sample: three deviations, as its noise is more once in 370 times; not derived.
 SURELY_TURNING = 9.0
 
@@ -240,4 +240,4 @@ def allow_change(ekf: YawEkf, variance: float, seconds: float) -> None:
     """
     if variance > 0.0:
         ekf.P = ekf.P.copy()
-        ekf.P[CHANGED] += variance * np.array([[seconds**2 / 3.0, seconds / 2.0], [seconds / 2.0, 1.0]])
+        ekf.P[YAW_AND_RATE] += variance * np.array([[seconds**2 / 3.0, seconds / 2.0], [seconds / 2.0, 1.0]])
