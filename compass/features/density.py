@@ -8,6 +8,7 @@ exponentially modified normal distribution (Grushka 1972, doi:10.1021/ac60319a01
 from __future__ import annotations
 
 import math
+import sys
 
 import numpy as np
 from scipy.special import erfcx
@@ -34,7 +35,7 @@ def exponentially_modified(scaled: Floats, ratio: Floats) -> tuple[Floats, Float
     """
     z = scaled - ratio
     # further up the normal part is not felt, and its factors leave the range of floats: each has half of that
-    near = np.maximum(-math.sqrt(0.5) * z, -math.sqrt(0.5 * math.log(np.finfo(np.float64).max)))
+    near = np.maximum(-math.sqrt(0.5) * z, -math.sqrt(0.5 * math.log(sys.float_info.max)))
     hazard = math.sqrt(2.0 / math.pi) / erfcx(near)
     density = np.exp(ratio * (0.5 * ratio - scaled) - near * near) * ratio / hazard
     return density, hazard - ratio, hazard * (z + hazard)

@@ -145,5 +145,7 @@ def yaw_variance(fit: Fit, sector: Index, travels: bool) -> float:
     without = fit.precision[0, :used, :used] - shares.transpose(2, 0, 1)
     change = np.zeros(SECTORS)
     change[seen] = np.linalg.solve(without, slopes.T[..., None])[:, 0, 0]
-    pairs = change + np.roll(change, 1)
+    pairs = change.copy()
+    pairs[1:] += change[:-1]
+    pairs[0] += change[-1]
     return 0.5 * float(pairs @ pairs) * (1.0 - 1.0 / max(int(seen.sum()), 1)) + fit.ambiguity

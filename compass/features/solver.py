@@ -205,6 +205,7 @@ def ascend(problem: Problem, start: Start, extra: Floats, pushed: bool = True) -
     forces, weights = both = np.empty((2, *parts.shape[1:], 2))  # along and across
     bend[0] = 1.0
     together = 1.0 / np.bincount(problem.tangents.sector)[problem.tangents.sector]
+    means = problem.means
     for index, beyond in enumerate((*(extra * extra).tolist(), None)):
         if pushed or not index:  # the lines of a turn alone stay
             lines = _Lines(problem, states)
@@ -220,7 +221,7 @@ def ascend(problem: Problem, start: Start, extra: Floats, pushed: bool = True) -
         np.negative(scaled, out=slope[0])
         parts[0] = np.exp(-0.5 * scaled * scaled)
         if pushed:
-            parts[1:-1], slope[1:], bend[1:] = exponentially_modified(scaled, sigma / (lines.length * problem.means))
+            parts[1:-1], slope[1:], bend[1:] = exponentially_modified(scaled, sigma / (lines.length * means))
         parts[:-1] *= scale ** (0.5 * (FREEDOM + 1.0)) / (sigma * np.sqrt(var_across))
         parts[-1] = uniform
         parts *= shares.T[:, :, None]
@@ -266,7 +267,8 @@ def ascend(problem: Problem, start: Start, extra: Floats, pushed: bool = True) -
 
 def condition(precision: Floats) -> None:
     """Make (k, 5, 5) precisions invertible where one exact corner is all there is, in place; by a part in 10^6."""
-    precision *= 1.0 + TINY**2 * np.eye(5)
+    diagonal = precision.reshape(-1, 25)[:, ::6]
+    diagonal *= 1.0 + TINY**2
 
 
 class _Lines:
@@ -300,9 +302,12 @@ class _Lines:
 
     def jacobian(self, problem: Problem, pushed: bool) -> Floats:
         """(k, 5, 2 n) change of the residuals along and across, in turn, with the state."""
-        jacobian = np.zeros((len(self.along), 5, self.along.shape[1]), np.complex128)
-        jacobian[:, ROTATION] = problem.rotating * self._back[:, None]
-        if pushed:
-            swing = self._changes * (self._back / -self.length)[:, None]
-            jacobian[:, State.DIRECTION :] = -1j * self._residual[:, None] * swing.imag  # rad by which the lines turn
+        jacobian = np.empty((len(self.along), 5, self.along.shape[1]), np.complex128)
+        np.multiply(problem.rotating, self._back[:, None], out=jacobian[:, ROTATION])
+        swings = jacobian[:, State.DIRECTION :]
+        if pushed:  # by so many rad do the lines turn
+            turning = (self._changes * (self._back / -self.length)[:, None]).imag
+            np.multiply(-1j * self._residual[:, None], turning, out=swings)
+        else:
+            swings[:] = 0.0
         return jacobian.view(np.float64)

@@ -99,10 +99,10 @@ def _tracked(before: Picture, patches: Patches, now: Picture, guess: Pixels, lev
     )
     # a patch, what its interpolation needs round it, and what the finer alignment adds lie within the picture
     edge = np.array([WINDOW.side + LONGEST_CORRECTION_PX, WINDOW.half], np.float32)
-    whole = ((rough >= edge) & (rough < np.array(now.soft.shape[::-1], np.float32) - edge)).all(axis=1)
-    index = np.flatnonzero(found[:, 0].astype(bool) & whole)
+    across, down = ((rough >= edge) & (rough < np.array(now.soft.shape[::-1], np.float32) - edge)).T
+    index = np.flatnonzero(found[:, 0].astype(bool) & across & down)
     rough = np.asarray(rough[index], np.float32) - np.array([MARGIN, 0.0], np.float32)
-    at, left = _aligned(patches, index, now, rough)
+    at, left = _aligned(patches, index if index.size < len(patches) else slice(None), now, rough)  # all: no copies
     # it errs by a tenth of its way; never again and always: docs/lab-notes/constants-2026-11-29.md
     again = np.flatnonzero(np.maximum(*np.abs(at - rough).T) > 10.0 * FLOOR_PX)
     if again.size:
@@ -113,7 +113,7 @@ def _tracked(before: Picture, patches: Patches, now: Picture, guess: Pixels, lev
     return Tracks(index, at, left * of_mean, likeness, now.columns).some(likeness > ALIKE)
 
 
-def _aligned(patches: Patches, index: Index, now: Picture, at: Pixels) -> tuple[Pixels, Pixels]:
+def _aligned(patches: Patches, index: Index | slice, now: Picture, at: Pixels) -> tuple[Pixels, Pixels]:
     """Where some patches are, seen to be about `at`; and the mean square that is then left of their difference."""
     seen, bright = levelled(sample(now.soft, at))
     contrast, values = patches.contrast[index], patches.values[index]
@@ -121,7 +121,7 @@ def _aligned(patches: Patches, index: Index, now: Picture, at: Pixels) -> tuple[
     seen *= (contrast / bright)[:, None]
     seen -= values
     step = (patches.answer[index] @ seen[..., None])[..., 0]
-    x, y = moved = np.clip(step, -LONGEST_CORRECTION_PX, LONGEST_CORRECTION_PX).T
+    x, y = moved = np.minimum(np.maximum(step, -LONGEST_CORRECTION_PX), LONGEST_CORRECTION_PX).T
     right, mixed, down = patches.covariance[index].T
     explained = (down * x * x - 2.0 * mixed * x * y + right * y * y) / (right * down - mixed * mixed)
     left = np.maximum(contrast**2 * (1.0 - likeness * np.abs(likeness)) - explained, 1e-5 * contrast**2)

@@ -49,6 +49,8 @@ class Keyframe:
         How far each moved beside that from the image before to the last.
     motion : Motion
         As estimated from the images since.
+    gap : float
+        Share of the circle between two neighbouring corners, at most; 0 where the camera does not see all round.
     shift_px : int
         Coarse shift by which corners were sought in the last image that gave an answer, columns.
     """
@@ -60,6 +62,7 @@ class Keyframe:
     predicted: Floats
     pace: Floats
     motion: Motion
+    gap: float
     shift_px: int = 0
 
 
@@ -77,8 +80,7 @@ class CornerTracker:
             return match_small(reference, current, search)
         projection = Projection.of(reference, search.forward_px)
         key = self._keyframe_of(reference, projection)
-        gap = 0.0 if _sees_part(reference) else _widest_gap(key.patches.at[:, 0], reference.columns)
-        if len(key.patches) < FEWEST or gap > GAP:
+        if len(key.patches) < FEWEST or key.gap > GAP:
             return match_small(reference, current, search)
         coarse = coarse_shift(upright_spectrum(reference, current), reference.columns, search)
         self._newest = Picture(current)
@@ -112,7 +114,9 @@ class CornerTracker:
                 [[0.0, 0.0, 0.0, state[State.DIRECTION] - state[State.YAW], state[State.CLIMB]]]
             )
             motion.start.noise = np.ones(1)
-        self._keyframe = Keyframe(picture, patches, tangents, patches.at, patches.at, np.zeros_like(patches.at), motion)
+        gap = 0.0 if _sees_part(strip) else _widest_gap(patches.at[:, 0], strip.columns)
+        still = np.zeros_like(patches.at)
+        self._keyframe = Keyframe(picture, patches, tangents, patches.at, patches.at, still, motion, gap)
         return self._keyframe
 
 
