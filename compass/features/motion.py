@@ -13,8 +13,11 @@ from compass.features.points import PER_SECTOR, SECTORS, Floats
 from compass.features.solver import Fit, Problem, Start, State, ascend, even_shares
 from compass.flow.correlation import TINY
 
-DIRECTIONS = 6  # of travel that are tried where none is known: a basin of attraction is wider than 60 deg
-# By so many columns is a motion off of which nothing is known yet: with 5 tracks of a corridor that turns go astray.
+# Of travel that are tried where none is known: a basin of attraction is wider than 60 deg; 3 and 12 are as good
+# (docs/lab-notes/halves-and-doubles-2026-11-30.md).
+DIRECTIONS = 6
+# By so many columns is a motion off of which nothing is known yet: with 5 tracks of a corridor that turns go astray,
+# with 1 increments' error^2/variance is 1.12 times as much (docs/lab-notes/halves-and-doubles-2026-11-30.md).
 FIRST_PX = 2.0
 
 

@@ -14,7 +14,10 @@ from compass.images.strip import Pixels, Strip
 
 Grey = npt.NDArray[np.uint8]
 
-MARGIN = 64  # columns of the other end on either side: a patch and the longest way of one fit
+# Columns of the other end on either side: ORB sees nothing within half of its patch of an edge, 15 pixels of its
+# coarsest level, which are 54; corners that are tracked would do with 32
+# (docs/lab-notes/halves-and-doubles-2026-11-30.md).
+MARGIN = 64
 # across neighbours, a deviation of 0.6 pixels: interpolation between sharp pixels pulls tracks to whole columns
 SOFT = cv2.getGaussianKernel(3, 0.6, cv2.CV_32F)
 

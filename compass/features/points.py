@@ -18,7 +18,8 @@ from compass.images.strip import Pixels
 Floats = npt.NDArray[np.floating]
 
 # Corners are spread over the circle: the strongest of each sector. With 3 and 12 of each, increments of held-out drives
-# err by 1.39 and 1.03 times as much (docs/lab-notes/constants-2026-11-30.md).
+# err by 1.39 and 1.03 times as much (docs/lab-notes/constants-2026-11-30.md), with 16 and 64 sectors by 1.18 and 0.97,
+# at 0.8 and 1.2 of the time (docs/lab-notes/halves-and-doubles-2026-11-30.md).
 SECTORS, PER_SECTOR = 32, 6
 # Smaller eigenvalue of a corner, of that of the strongest: without, increments err by 1.15 times as much
 # (docs/lab-notes/constants-2026-11-29.md).

@@ -11,7 +11,8 @@ from compass.images.strip import Strip
 from compass.tilt import TILT_NOISE, tilt_between
 
 # rad, how far a ground is off level: tilt of the scene between two views beside what an IMU measures, and climb of the
-# direction of travel against the camera's level
+# direction of travel against the camera's level; half and double are as good on level ground
+# (docs/lab-notes/halves-and-doubles-2026-11-30.md)
 TILT_SIGMA = math.radians(3.0)
 FEWEST = 24  # corners that have to be found again, and to be inliers: five for each of a motion's unknowns
 # Of the circle without any corner. What is seen on one side only turns by as much as it is passed: of nine tuned drives

@@ -22,7 +22,9 @@ from compass.images.strip import Pixels
 
 Index = npt.NDArray[np.intp]
 
-LONGEST_CORRECTION_PX = 1.0  # pixels by which it may move a track in all
+# Pixels by which it may move a track in all; 0.5 and 2 are as good in the median
+# (docs/lab-notes/halves-and-doubles-2026-11-30.md).
+LONGEST_CORRECTION_PX = 1.0
 # Of the corners, or they are sought with more levels of the pyramid: with a half a walk at 2 Hz ends 1.9 deg off
 # instead of 1.1 (docs/lab-notes/constants-2026-11-29.md); with 0.9 held-out drives err as much, and
 # an update takes a twentieth more (docs/lab-notes/constants-2026-11-30.md).

@@ -15,7 +15,9 @@ from compass.images.decode import Image
 from compass.images.projection import Flags, Floats, Projection
 from compass.images.seen import Seen, Weights
 
-BORDER_PX = 2  # of the strip, along an edge of what is seen: it is blurred, lenses and seams are dark there
+# Of the strip, along an edge of what is seen: it is blurred, lenses and seams are dark there. Masked drives err as much
+# with 1, by 1.15 times as much with 4 (docs/lab-notes/halves-and-doubles-2026-11-30.md).
+BORDER_PX = 2
 
 
 @dataclass(frozen=True, eq=False)

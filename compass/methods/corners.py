@@ -30,6 +30,7 @@ from compass.methods.sector_median import match_small
 
 # A deviation beyond it: no motion explains the corners, they show another place. Photographs that are pushed sideways
 # only err by 0.052 deg in 44 of 54 with it, by 0.126 in all without (docs/lab-notes/neighbours-2026-11-30.md).
+# With half of it a walk loses 8 of 240 images (docs/lab-notes/halves-and-doubles-2026-11-30.md).
 UNRELATED_PX = 0.19
 
 

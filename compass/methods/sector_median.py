@@ -18,8 +18,12 @@ from compass.flow.pure_turn import pooled_turn, turn_variance
 from compass.images.strip import Pixels, Strip, softened_columns
 from compass.methods.match import Match, Search
 
-OVERLAP = 4  # sectors in a row share columns
-SPREAD_FACTOR = 8.0  # times as far as sectors may corners move apart until the keyframe is renewed: by 8 columns, not 1
+# Sectors in a row share columns; with 2 and 8 images of 128 columns err by 1.3 and 1.2 times as much
+# (docs/lab-notes/halves-and-doubles-2026-11-30.md).
+OVERLAP = 4
+# Times as far as sectors may corners move apart until the keyframe is renewed: by 8 columns, not 1. With half of it
+# increments of such images err twice as much, with twice as much the raw yaw by 0.9 to 1.5 (the same note).
+SPREAD_FACTOR = 8.0
 
 
 @dataclass(frozen=True, slots=True)
