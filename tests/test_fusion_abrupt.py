@@ -7,6 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from robot_drive import robot_drive
+from torture.drives import drive
 
 from compass import YawIncrement, wrap_angle
 from fusion import GyroSample, OdometrySample, Sensor, YawFusion
@@ -65,3 +66,19 @@ def test_yaw_of_tracks_alone_bears_stamps_that_stray(stray_ms, pose):
     # the two count the tracks' turns from other samples, at a scale that is unknown by a third
     assert abs(strayed.yaw - exact.yaw) < 0.5 * math.sqrt(exact.yaw_variance)
     assert strayed.yaw_variance == pytest.approx(exact.yaw_variance, rel=0.5)
+
+
+def test_gyro_that_is_trusted_again_turns_no_yaw_by_what_the_others_measured_meanwhile():
+    """Its connector is loose: noise of 0.5 rad/s. The rate that it differs by when it is heard again is none of 6 s."""
+    ride, rng, fusion, ratios = drive("stop and go", 101), np.random.default_rng(9), YawFusion(), []
+    for sample in ride.samples:
+        t = sample.t_ns * 1e-9
+        if t > 24.0:
+            break
+        if isinstance(sample, GyroSample) and t >= 14.0:
+            sample = replace(sample, yaw_rate=sample.yaw_rate + 0.5 * float(rng.normal()))
+        fusion.add(sample)
+        estimate = fusion.estimate()
+        ratios.append(abs(ride.error(estimate)) / max(math.sqrt(estimate.yaw_variance), math.radians(0.02)))
+    assert max(ratios) < 3.5  # 6.0 while the rate might have changed since the gyro was excluded
+    assert abs(math.degrees(ride.error(estimate))) < 3.0  # 269 then

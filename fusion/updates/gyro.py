@@ -97,7 +97,7 @@ class GyroUpdate:
         )
         expected = state.ekf.expect(measurement)
         prior = expected.S - measurement.R
-        since_ns = None if state.isolation.excludes(Sensor.GYRO) else refused.accepted_ns
+        since_ns = None if state.isolation.excludes(Sensor.GYRO) else unmeasured_since(state, event.t_ns)
         if since_ns is not None and measurement.innovation**2 > self._gating.limit * expected.S:
             allow_start(state.ekf, (event.t_ns - since_ns) * 1e-9)
             expected = state.ekf.expect(measurement)
@@ -168,7 +168,8 @@ class GyroUpdate:
             and not state.isolation.excludes(Sensor.GYRO)
         ):
             # twice on the same side: the robot turns so since the last sample accepted
-            seconds = (event.t_ns - (refused.accepted_ns or event.t_ns)) * 1e-9
+            since_ns = unmeasured_since(state, event.t_ns)
+            seconds = (event.t_ns - (since_ns or event.t_ns)) * 1e-9
             if seconds > 0.0:
                 change = min(abs(measurement.innovation) / seconds, FASTEST_CHANGE)  # stamps may be next to each other
                 state.ekf.widen(State.ACCELERATION, change**2)
@@ -184,6 +185,17 @@ class GyroUpdate:
         if sample.variance is not None:
             return math.sqrt(sample.variance)
         return state.stillness.gyro_noise(self._config.gyro_sigma * math.sqrt(state.gyro_noise.factor.variance))
+
+
+def unmeasured_since(state: FilterState, t_ns: int) -> int | None:
+    """Since when the turn rate may have changed unseen by a gyro that speaks at `t_ns`; None before its first sample.
+
+    Of one that was silent, or excluded, for long the others have measured the turn meanwhile.
+    """
+    since_ns = state.gates[Sensor.GYRO].accepted_ns
+    if since_ns is None or t_ns - since_ns <= RATE_SILENT_NS:
+        return since_ns
+    return max(gate.accepted_ns or since_ns for gate in state.gates.values())
 
 
 def gyro_measurement(
