@@ -1,5 +1,8 @@
 """A clock that is set in mid drive, told by the order of recording; and times in which nobody measured."""
 
+import itertools
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from reported_bags import TURNED_DEG, Imu, Picture, Tracks, changed, messages, write
@@ -9,6 +12,7 @@ from compass import YawIncrement
 from fusion import GyroSample, OdometrySample, Sensor, YawFusion
 from fusion.checks.gaps import GapWatch
 from fusion.offline.clock_steps import ClockSteps, Recorded
+from fusion.offline.stamp_check import _lone
 
 S = 10**9
 SETS = {  # s of the drive to s of the stamp
@@ -44,6 +48,32 @@ def test_samples_of_before_the_clock_was_set_are_left_out(kind, off, code, tmp_p
         {Imu: "gyro", Tracks: "tracks", Picture: "compass"}[kind]
     }
     assert "sensor_silent" not in {one["code"] for one in summary["warnings"]}  # its later samples are used
+
+
+@pytest.mark.parametrize(("kind", "sensor"), [(Imu, "gyro"), (Tracks, "tracks")])
+def test_single_stamps_seconds_ahead_are_left_out_and_blame_nobody_else(kind, sensor, tmp_path, capsys):
+    """One in 25: five of the tracks, fourteen of a gyro; the last ones beyond the end of all others."""
+
+    count = itertools.count(1)
+
+    def hasty(message):
+        ahead = isinstance(message, kind) and next(count) % 25 == 0
+        return replace(message, t_ns=message.t_ns + 5 * S) if ahead else message
+
+    bag = write(tmp_path / "bag", changed(messages(), hasty))
+    _, screen, summary = fused(bag, tmp_path, capsys, ())
+    check(summary, screen, Situation(sigma=0.5, codes=("stamps_wrong",)))
+    assert {(one["code"], one["sensor"]) for one in summary["warnings"]} == {("stamps_wrong", sensor)}
+    assert abs(summary["yaw"]["fused"]["turned_deg"] - TURNED_DEG) < 0.3
+
+
+@pytest.mark.parametrize("order", ["pause", "slow", "shuffled"])
+def test_stamps_that_lie_far_from_each_other_in_good_order_are_used(order):
+    t = np.arange(0.0, 60.0, 0.1)
+    t = {"pause": t[(t < 20.0) | (t > 40.0) | (np.abs(t - 30.0) < 0.05)], "slow": t[::30]}.get(order, t)
+    stamps = (t * 1e9).astype(np.int64) + S
+    recorded = np.random.default_rng(1).permutation(stamps) if order == "shuffled" else stamps
+    assert not _lone(recorded).any()
 
 
 def _stream(hertz, seconds=10.0, *, stamp=lambda t: t, keep=lambda t: True):

@@ -11,11 +11,13 @@ import numpy.typing as npt
 from fusion.buffer.events import Sensor
 from fusion.checks.stamps import StampSequence
 from fusion.checks.warnings import Warning
-from fusion.offline.clock_steps import FEWEST, ClockSteps, Recorded
+from fusion.offline.clock_steps import FEWEST, STEP_NS, ClockSteps, Recorded
 
 Times = npt.NDArray[np.int64]
 DAY_NS = 86_400_000_000_000  # longer than a drive
 BACKWARDS = 0.75  # of all steps; of two publishers that take turns half go back; not derived
+NEIGHBOURS = 2  # to either side, by whose stamps and its own a stamp is judged: two wrong ones in a row are found
+MOST_LONE = 0.1  # of all; with more of them the order of recording is that of no time; not derived
 MARGIN_NS = 60_000_000_000  # beyond all else in the recording; stamps further off are from another time
 
 
@@ -81,6 +83,7 @@ def usable(
     Samples that are false in `told` (N,) tell nothing of a turn, and may share their stamp with one that does.
     """
     t_ns, near = recorded.t_ns, within.near(recorded.t_ns)
+    near &= ~_lone(t_ns)
     own, sequence, keep = recorded.only(near), StampSequence(sensor), near.copy()
     clock = ClockSteps(sensor, [one.only(within.near(one.t_ns)) for one in others], own)
     keep[near] = clock.following(own, [(span.first_ns, span.last_ns) for span in present])
@@ -90,6 +93,18 @@ def usable(
     if not near.all():
         warnings.append(wrong_stamps(sensor, int(np.count_nonzero(~near)), int(t_ns[~near][0]), within))
     return keep, warnings
+
+
+def _lone(t_ns: Times) -> npt.NDArray[np.bool_]:
+    """Stamps (N,) that are off from those recorded just before and after them: a clock that is set comes in steps.
+
+    Each is compared with the median of itself and its neighbours, which at a gap is itself.
+    """
+    if t_ns.size <= 2 * NEIGHBOURS:
+        return np.zeros(t_ns.size, bool)
+    around = np.lib.stride_tricks.sliding_window_view(np.pad(t_ns, NEIGHBOURS, "edge"), 2 * NEIGHBOURS + 1)
+    lone = np.abs(t_ns - np.median(around, axis=1).astype(np.int64)) > STEP_NS
+    return lone if np.count_nonzero(lone) <= MOST_LONE * t_ns.size else np.zeros(t_ns.size, bool)
 
 
 def _backwards(sensor: Sensor, t_ns: Times) -> list[Warning]:
