@@ -58,7 +58,7 @@ def learnt(rates, sigma=0.0025, dt_ns=10_000_000):
     """What is learnt from samples 10 ms apart, of a robot that turns as calmly as this one."""
     noise, config = GyroNoise.prior(2.0), FusionConfig()
     for k, rate in enumerate(rates):
-        noise = noise.after(k * dt_ns, float(rate), sigma, 0.1, config.rate_ramp)
+        noise = noise.after(k * dt_ns, float(rate), BIAS, sigma, 0.1, config.rate_ramp)
     return noise
 
 

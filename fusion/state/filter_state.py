@@ -21,6 +21,7 @@ from fusion.checks.warnings import Warning, most_serious_first
 from fusion.checks.windows import SAME_NUMBER, Turns
 from fusion.imu.tilt import BiasGain, TiltedTurn
 from fusion.record import replace
+from fusion.samples import OdometrySample
 from fusion.state.bias_prior import BiasPrior
 from fusion.state.bias_walk import BiasWalk
 from fusion.state.clones import Clones
@@ -92,7 +93,9 @@ class FilterState:
     early_images : EarlyImages
         By how much the compass seems to be ahead of the gyro.
     hung_since_ns : int or None
-        Since when a gyro hangs while nobody else measures the turn, ns.
+        Since when a gyro hangs, ns.
+    hung_tracks : OdometrySample or None
+        What the odometry said as it began to, as long as it has said nothing else since, or zero.
     gyro_factor_sigma : float
         Of the gyro's last sample, see `GyroSample.factor_sigma`.
     aided_yaw, aided_ns : float, int or None
@@ -144,6 +147,7 @@ class FilterState:
     scale_conflict: ScaleConflict = field(default_factory=lambda: ScaleConflict(0.0))
     early_images: EarlyImages = field(default_factory=EarlyImages)
     hung_since_ns: int | None = None
+    hung_tracks: OdometrySample | None = None
     gyro_factor_sigma: float = 0.0
     aided_yaw: float = 0.0
     aided_ns: int | None = None
@@ -299,11 +303,13 @@ class FilterState:
     def _hung(self) -> tuple[Warning, ...]:
         if self.hung_since_ns is None:
             return ()
+        also = "" if self.hung_tracks is None else ", and the odometry has said nothing new since, either"
         text = (
-            f"the gyro repeats {self.gyro_noise.rate:.4g} rad/s to the last bit, and nobody else measures the turn:"
-            " that is unknown, and in the yaw's sigma; restart or replace the IMU, check its driver"
+            f"the gyro repeats {self.gyro_noise.rate:.4g} rad/s to the last bit{also}: what it says is not used; "
+            "restart or replace the IMU, check its driver and its link"
         )
-        return (Warning("gyro_stuck", "gyro", self.hung_since_ns, text),)
+        sensors = "gyro" if self.hung_tracks is None else "gyro+tracks"
+        return (Warning("gyro_stuck", sensors, self.hung_since_ns, text),)
 
     def hears(self, sensor: Sensor) -> bool:
         """Whether a sensor has measured the turning lately."""

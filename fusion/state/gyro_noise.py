@@ -10,15 +10,15 @@ from fusion.checks.windows import SAME_NUMBER
 from fusion.record import record
 from fusion.state.learnt_noise import LearntNoise
 
-# Not derived: `NOISE_FACTORS`, `NOISE_MEMORY`, `NOISE_TAIL`, `COARSEST`, `HOLDS`, `PROVEN`,
-# `FINE`, `HUNG`, `AT_REST`.
+# Not derived: `NOISE_FACTORS`, `NOISE_MEMORY`, `NOISE_TAIL`, `COARSEST`, `HOLDS`, `PROVEN`, `HUNG`, `AT_REST`, `HALT`.
 NOISE_FACTORS = tuple(2.0 ** (k / 2.0) for k in range(11))  # 1 to 32, on what is configured
 NOISE_MEMORY = 500.0  # third differences, each of four samples
 NOISE_TAIL = 10.0  # degrees of freedom; robots start and bump
 COARSEST = 0.1  # rad/s; no gyro's resolution is more
-PROVEN, FINE = 200, 3  # samples before of which no number came so often in a row: it has noise, and repeats nothing
-HUNG = 25  # samples that are one number
+PROVEN = 200  # samples that differed from the one before: it has noise
+HUNG = 5  # samples that are one number, of a gyro that has noise: its driver or its link hangs
 AT_REST = 10.0  # deviations of its noise, within which a gyro may be at rest, where drivers say one number
+HALT = 0.1  # rad/s; from faster turns no robot comes to rest between two samples
 HOLDS = 5  # numbers in a row, each sent more than once, that make a gyro one that is sent more often than it measures
 
 
@@ -49,14 +49,16 @@ class GyroNoise:
         The last sample, rad/s.
     run, held, longest : int
         How often that number came in a row, the one before, and any before at most.
+    moving : int
+        The same as `longest` of numbers that no gyro at rest says, and none that hangs.
+    changes : int
+        How many samples were not the one before.
     holds : int
         How many numbers in a row came more than once.
     coarse : bool
         Whether a number has ever come twice in a row: numbers finer than the noise hardly do.
     step : float
         Least change between two samples, rad/s: no less than the resolution.
-    count : int
-        Of all samples.
     before : float
         The sample before the number that comes in a row at present, rad/s.
     begun_ns : int
@@ -70,10 +72,11 @@ class GyroNoise:
     run: int = 1
     held: int = 1
     longest: int = 1
+    moving: int = 1
+    changes: int = 0
     holds: int = 0
     coarse: bool = False
     step: float = math.inf
-    count: int = 0
     before: float = 0.0
     begun_ns: int = 0
 
@@ -99,14 +102,22 @@ class GyroNoise:
         """Whether a sample (rad/s) is the last one sent again: the resolution is finer than the noise `sigma`."""
         return self._again(rate) and self.holds >= HOLDS and self.run < 2 * self.held and self.step < sigma
 
-    def hung(self, bias: float, sigma: float) -> bool:
-        """Whether a gyro that has noise repeats one number, and not for being at rest: it measures nothing any more.
+    def hangs_at(self, rate: float, bias: float, sigma: float) -> bool:
+        """Whether a sample (rad/s) is one number more often in a row than ever, of a gyro that has noise, and no rest.
 
-        Of one that hangs while the robot stands nobody can tell, as drivers say so, too.
+        Of one that begins to hang while the robot stands nobody can tell, as drivers say zero for a gyro at rest, too.
         """
-        if self.rate is None or self.run < HUNG or not self._proven:
-            return False
-        return max(abs(self.rate - bias), abs(self.rate - self.before)) > AT_REST * sigma
+        return self._again(rate) and self.run >= self.moving and self._proven and self._moves(bias, sigma)
+
+    @property
+    def hung(self) -> bool:
+        """Whether so many samples are one number that one more is no chance."""
+        return self.run + 1 >= max(HUNG, 2 * self.moving)
+
+    def _moves(self, bias: float, sigma: float) -> bool:
+        """Whether the present number is none that a gyro says at rest."""
+        rate = self.rate or 0.0
+        return abs(rate - bias) > AT_REST * sigma or abs(rate - self.before) > HALT
 
     @property
     def frozen(self) -> bool:
@@ -115,12 +126,8 @@ class GyroNoise:
 
     @property
     def _proven(self) -> bool:
-        """Whether so many samples came before the present number that it has noise, and repeats nothing."""
-        return self.count - self.run >= PROVEN and self.longest < FINE
-
-    def unseen(self, t_ns: int, rate_sigma: float) -> float:
-        """Variance, rad^2, of what a robot may have turned while it hung, up to a stamp, ns."""
-        return (rate_sigma * (t_ns - self.begun_ns) * 1e-9) ** 2
+        """Whether a gyro has noise, and is not sent more often than it measures."""
+        return self.changes >= PROVEN and self.moving < SAME_NUMBER
 
     @property
     def stuck(self) -> bool:
@@ -130,16 +137,19 @@ class GyroNoise:
     def _again(self, rate: float) -> bool:
         return self.rate is not None and abs(rate - self.rate) <= SAME
 
-    def after(self, t_ns: int, rate: float, sigma: float, walk: float, ramp: float) -> GyroNoise:
-        """After a sample of a gyro whose noise is configured as `sigma`, rad/s; the rest as `third_difference`."""
+    def after(self, t_ns: int, rate: float, bias: float, sigma: float, walk: float, ramp: float) -> GyroNoise:
+        """After a sample of a gyro of this bias and configured noise `sigma`, rad/s; the rest as `third_difference`."""
         run, held, longest, holds = self.run, self.held, self.longest, self.holds
         coarse, step, before, begun_ns = self.coarse, self.step, self.before, self.begun_ns
+        moving, changes = self.moving, self.changes
         if self.rate is not None:
             change = abs(rate - self.rate)
             if change <= SAME:
                 run, coarse = run + 1, True
             else:
-                longest, before, begun_ns = max(longest, run), self.rate, t_ns
+                if run > moving and not (self._proven and self.hung) and self._moves(bias, sigma):
+                    moving = run
+                longest, before, begun_ns, changes = max(longest, run), self.rate, t_ns, changes + 1
                 held, run, holds = run, 1, holds + 1 if run > 1 else 0
                 step = min(step, change)
         rates, since_ns, factor = (*self.rates, rate), self.since_ns if self.rates else t_ns, self.factor
@@ -148,6 +158,5 @@ class GyroNoise:
             motion = third_difference(walk, ramp, (t_ns - since_ns) * 1e-9 / 3.0) / 20.0
             factor = factor.after((d - a + 3.0 * (b - c)) / math.sqrt(20.0), motion, sigma)
             rates = ()
-        count = self.count + 1
-        row = run, held, longest, holds, coarse, step, count, before, begun_ns
+        row = run, held, longest, moving, changes, holds, coarse, step, before, begun_ns
         return GyroNoise(factor, rates, since_ns, rate, *row)

@@ -41,6 +41,13 @@ class Gating:
             state.ekf.correct(measurement, expected)
         return verdict
 
+    @staticmethod
+    def refuse(state: FilterState, sensor: Sensor, measurement: Measurement) -> None:
+        """Count a measurement as one that its gate refuses, whatever it says."""
+        gate, S = state.gates[sensor], state.ekf.expect(measurement).S
+        gate = gate.judge(state.t_ns or 0, measurement.innovation, S, -1.0, FOREVER_NS)
+        state.gates = {**state.gates, sensor: gate}
+
 
 def gate_limit(config: FusionConfig) -> float:
     """Largest normalised innovation squared to let pass (chi-square of one degree of freedom).

@@ -11,7 +11,7 @@ from compass.tilt import beyond_error
 from fusion.buffer.events import GyroEvent, Sensor
 from fusion.checks.gate import Gate, Verdict
 from fusion.checks.rate_turn import FASTEST_CHANGE, FASTEST_ROBOT, SAME
-from fusion.checks.silence import RATE_SILENT_NS, SILENT_NS
+from fusion.checks.silence import RATE_SILENT_NS
 from fusion.config import FusionConfig
 from fusion.imu.tilt import TILT_ERROR, BiasGain
 from fusion.record import replace
@@ -79,8 +79,9 @@ class GyroUpdate:
         if state.gyro_noise.repeats(sample.yaw_rate, self._config.gyro_sigma):
             self._learn_noise(state, sample)
             return
-        if self._hangs_alone(state, sample):
+        if self._hangs(state, sample):
             self._learn_noise(state, sample)
+            self._gating.refuse(state, Sensor.GYRO, gyro_measurement(state.ekf, sample.yaw_rate, None))
             return
         state.turns = state.turns.with_gyro(sample)
         variance = self.sigma(state, sample) ** 2
@@ -127,20 +128,23 @@ class GyroUpdate:
         else:
             ekf.widen(State.GYRO_SCALE, factor_sigma**2 - before**2)
 
-    def _hangs_alone(self, state: FilterState, sample: GyroSample) -> bool:
-        """Whether a gyro hangs while nobody else measures the turn: then it counts as one that is silent.
-
-        Who is refused may be so because of it, and is no nobody.
-        """
-        hung = state.gyro_noise.hung(float(state.x[State.BIAS]), self._config.gyro_sigma)
-        others = (gate.report for sensor, gate in state.gates.items() if sensor is not Sensor.GYRO)
-        if not hung or any(one is not None and sample.t_ns - one.t_ns <= SILENT_NS for one in others):
-            state.hung_since_ns = None
-        elif state.hung_since_ns is None:
+    def _hangs(self, state: FilterState, sample: GyroSample) -> bool:
+        """Whether a gyro seems to hang: then it counts as one that is silent, or two that hang would be a majority."""
+        noise = state.gyro_noise
+        hangs = noise.hangs_at(sample.yaw_rate, float(state.x[State.BIAS]), self._config.gyro_sigma)
+        if not hangs or state.stillness.standing:
+            state.hung_since_ns = state.hung_tracks = None
+            return False
+        if state.turns.gyro is not None:
+            jump, since_ns = sample.yaw_rate - noise.before, max(noise.begun_ns, state.rested_ns or 0)
+            state.turns = replace(state.turns, gyro=None)
+            state.hung_tracks = state.tracks.last if state.tracks else None
+            state.ekf.widen(State.RATE, jump**2)
+            state.ekf.widen(State.YAW, (jump * (sample.t_ns - since_ns) * 1e-9) ** 2)
+        if state.hung_since_ns is None and noise.hung:
             state.hung_since_ns = sample.t_ns
             state.ekf.renew(State.RATE, self._config.initial_rate_sigma**2)
-            state.ekf.widen(State.YAW, state.gyro_noise.unseen(sample.t_ns, self._config.initial_rate_sigma))
-        return state.hung_since_ns is not None
+        return True
 
     def _learn_noise(self, state: FilterState, sample: GyroSample) -> None:
         """Learn the noise from a sample that does not tell it."""
@@ -149,7 +153,7 @@ class GyroUpdate:
             # what this noise makes of the turn rate is no walk: beyond what is configured that does not count
             walk = config.watched_rate_walk * math.sqrt(min(state.ekf.rate_walk_scale, 1.0))
             state.gyro_noise = state.gyro_noise.after(
-                sample.t_ns, sample.yaw_rate, config.gyro_sigma, walk, config.rate_ramp
+                sample.t_ns, sample.yaw_rate, float(state.x[State.BIAS]), config.gyro_sigma, walk, config.rate_ramp
             )
 
     def _recover(

@@ -13,8 +13,11 @@ import numpy as np
 from compass import wrap_angle
 from fusion.buffer.events import Sensor, TracksEvent
 from fusion.checks.gate import Verdict
+from fusion.checks.rate_turn import SAME
 from fusion.checks.turn_count import TurnCount
 from fusion.config import FusionConfig
+from fusion.record import replace
+from fusion.samples import OdometrySample
 from fusion.state.ekf import DIM, Expectation, Measurement, State, YawEkf
 from fusion.state.learnt_noise import LearntNoise
 from fusion.state.track_claim import TrackClaim
@@ -53,6 +56,9 @@ class OdometryUpdate:
     def fuse(self, state: FilterState, event: TracksEvent) -> None:
         """Take in what the tracks claim since their reference, once `track_interval` is over."""
         sample, ekf, config = event.sample, state.ekf, self._config
+        if self._hangs(state, sample):
+            state.tracks, state.turns = None, replace(state.turns, tracks=None)
+            return
         state.common_source = state.common_source.with_tracks(sample)
         state.turns = state.turns.with_tracks(sample, by_poses=config.odometry == "pose")
         if state.turns.ends_at_odometry(event.t_ns):
@@ -89,6 +95,16 @@ class OdometryUpdate:
             state.tracks = TrackClaim(tracks.reference, sample, tracks.turn + sample.yaw_rate * gap)
         note_slip(ekf, sample.yaw_rate, sample.speed)
 
+    @staticmethod
+    def _hangs(state: FilterState, sample: OdometrySample) -> bool:
+        """Whether the odometry says nothing new since a gyro hangs: they may share what hangs."""
+        heard = state.hung_tracks
+        if heard is not None and not (
+            _nothing_new(sample.yaw_rate, heard.yaw_rate) and _nothing_new(sample.speed, heard.speed)
+        ):
+            state.hung_tracks = None
+        return state.hung_tracks is not None
+
     def _judge(
         self,
         state: FilterState,
@@ -111,6 +127,11 @@ class OdometryUpdate:
             state.slip_turn, state.slip_speed = self._slip, self._slip
         if verdict is Verdict.RECOVERED or float(ekf.x[State.SCALE]) < LEAST_SCALE * config.initial_scale:
             ekf.renew(State.SCALE, config.initial_scale_sigma**2, config.initial_scale)
+
+
+def _nothing_new(value: float, heard: float) -> bool:
+    """Whether a driver that hangs may say so: what it said last, or zero."""
+    return min(abs(value), abs(value - heard)) <= SAME
 
 
 def tracks_measurement(ekf: YawEkf, turn: float, noise: float, *, modulo_turn: bool, alone: bool) -> Measurement:

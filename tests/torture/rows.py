@@ -163,6 +163,11 @@ def _several() -> Iterable[Row]:
         "lifted by 90 deg in the dark, gyro silent meanwhile, place found again", "GTC",
         lambda: do.chain(see.dark_and_found(), do.silent("G")), **unseen,
     )  # fmt: skip
+    zero = lambda: do.chain(do.gyro(lambda w, t: 0.0), do.tracks(lambda w: 0.0))  # noqa: E731
+    for seconds in (0.4, 2.0):
+        for who in ("GTC", "GT"):
+            bound = {"most_sigma": ANY} if who == "GT" else {}
+            yield Row(f"both zero for {seconds} s", "GT", zero, STUCK, who=who, seconds=seconds, **bound)  # type: ignore[arg-type]
     bias = lambda: do.gyro(lambda w, t: w + 0.1)  # noqa: E731
     slip = lambda: do.between(0.0, 10.0, do.tracks(lambda w: w + 0.5))  # noqa: E731
     yield Row(
