@@ -22,6 +22,7 @@ from fusion.checks.diagnosis import adds_up
 from fusion.checks.scale_conflict import ScaleConflict
 from fusion.checks.silence import RATE_SILENT_NS
 from fusion.checks.stillness import Stillness
+from fusion.checks.unwatched import Unwatched
 from fusion.config import FusionConfig
 from fusion.imu.tilt import TiltedTurn
 from fusion.record import replace
@@ -66,6 +67,7 @@ class YawFilter:
             YawEkf(config),
             scale_conflict=ScaleConflict(config.initial_yaw),
             aided_yaw=config.initial_yaw,
+            unwatched=Unwatched(config.initial_yaw),
             agreement=BiasPrior(sigmas, least) if min(sigmas) > 0.0 and not closed else None,
             bias_walk=BiasWalk.about(config.bias_walk, config.bias_walk_factor),
             jitter=LearntNoise.jitter(config.compass_timing, config.compass_timing_factor),
@@ -87,6 +89,7 @@ class YawFilter:
             state.odometry_fields, sample = before.odometry_fields.after(event.sample, before.trail.up_at(event.t_ns))
             event = TracksEvent(sample, event.t_ns, event.order)
         if before.t_ns is None:
+            state.unwatched = replace(before.unwatched, t_ns=event.t_ns)
             state.stillness = Stillness(event.t_ns, reference_ns=event.t_ns)
         elif event.t_ns - before.t_ns > (WATCHED_NS if isinstance(event, ReferenceEvent) else RATE_SILENT_NS):
             state.stillness = state.stillness.moved(event.t_ns)  # nobody would have seen it start
@@ -111,6 +114,12 @@ class YawFilter:
         self._standstill.settle(state)
         if state.hears(Sensor.COMPASS) or isinstance(event, HeadingEvent):
             state.aided_yaw, state.aided_ns = float(state.x[State.YAW]), event.t_ns
+            if isinstance(event, HeadingEvent):
+                state.unwatched = Unwatched(state.aided_yaw, event.t_ns)
+            else:
+                heard = before.hears(Sensor.COMPASS)
+                yaw = None if heard else float(before.x[State.YAW])
+                state.unwatched = state.unwatched.heard(event.t_ns, state.aided_yaw, yaw)
         self._lead(before, state, event)
         contradicted = before.unconfirmed is not None and before.unconfirmed.tracks is not None
         if contradicted and not state.believes(Sensor.TRACKS) and before.believes(Sensor.TRACKS):
@@ -153,7 +162,8 @@ class YawFilter:
         elif isinstance(event, CompassEvent) and gate.accepted_ns == event.t_ns and gate.report:
             off, variance = gate.report.innovation, event.sample.variance
             agreed = unconfirmed is None or unconfirmed.confirmed_by(off, variance, state.belief)
-            older = before.clones.doubt(event.sample.t_ref_ns)
+            if not (window_over and state.isolation.gyro_shown_right):
+                older = before.clones.doubt(event.sample.t_ref_ns)
         elif window_over:
             agreed = not refused or state.isolation.contradicted
             if unconfirmed and not state.hears(Sensor.COMPASS):
@@ -190,7 +200,13 @@ class YawFilter:
         variance += state.scale_conflict.variance(yaw) + state.tilted_turn.variance
         P[np.ix_(YAWS, YAWS)] = float(state.P[State.YAW, State.YAW]) + variance
         conflict = ScaleConflict(yaw)
-        return replace(self.start.at(x, P), scale_conflict=conflict, aided_yaw=yaw, turn_count=state.turn_count)
+        return replace(
+            self.start.at(x, P),
+            scale_conflict=conflict,
+            aided_yaw=yaw,
+            unwatched=Unwatched(yaw),
+            turn_count=state.turn_count,
+        )
 
     def predicted(self, state: FilterState, t_ns: int) -> FilterState:
         """State at `t_ns`, ns, given that nothing was measured since; `state` itself where that is no later.

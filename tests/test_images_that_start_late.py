@@ -8,7 +8,7 @@ import pytest
 from robot_drive import HZ, fuse, sensed
 
 from compass import YawIncrement
-from fusion import GyroSample, OdometrySample
+from fusion import GyroSample, OdometrySample, YawFusion
 
 
 def leg(rate, *legs):
@@ -50,3 +50,30 @@ def test_bias_that_only_several_windows_show_is_one_however_large(bias, tracks):
     assert np.abs(errors).max() < math.radians(3.0)
     assert abs(errors[-1]) < math.radians(0.5)
     assert "sensors_disagree_scale" not in {one.code for one in fusion.estimate().warnings}
+
+
+SEES = 1.2  # s; until then the first images have shown two windows of a turn
+
+
+@pytest.mark.parametrize("begins", [3.8, 4.8])  # in mid turn, and at its end
+@pytest.mark.parametrize(
+    ("factor", "tracks"), [(1.0, True), (0.7, True), (-1.0, True), *((f, False) for f in (1.0, 0.7, 1.4, -1.0))]
+)
+def test_images_that_contradict_a_gyro_put_in_doubt_what_it_turned_before_they_came(factor, begins, tracks):
+    """Switched on in a turn, and tracks of a scale that nobody knows: they fit to any factor of the gyro."""
+    rate = leg(np.full(12 * HZ, -0.4), (2, 5, -0.7), (5, 6, 0.0), (6, 9, 0.5), (9, 12, -0.3))
+    drive = sensed(np.random.default_rng(2), rate, np.full(rate.size, 0.5), bias=0.0, scale=1.5, hertz=(100, 20, 20))
+    drive = drive.changed(lambda s: replace(s, yaw_rate=factor * s.yaw_rate), GyroSample)
+    drive = replace(drive, samples=[s for s in drive.samples if getattr(s, "t_ref_ns", 1e12) >= begins * 1e9])
+    seen = begins + SEES if begins < 4.0 else 6.0 + SEES
+    fusion = YawFusion()
+    for sample in drive.samples:
+        if tracks or not isinstance(sample, OdometrySample):
+            fusion.add(sample)
+            estimate = fusion.estimate()
+            error, sigma = abs(drive.error(estimate)), math.sqrt(estimate.yaw_variance)
+            assert error < 4.0 * max(sigma, math.radians(0.1)) or estimate.t_ns * 1e-9 < seen
+    if factor == 1.0:  # and once they have seen it turn, it was right before, too
+        assert sigma < math.radians(3.0)
+    else:
+        assert estimate.warnings

@@ -22,7 +22,7 @@ from dataclasses import dataclass
 
 from fusion.buffer.events import FOREVER_NS, Sensor
 from fusion.checks.alternative import Alternative, Third
-from fusion.checks.contradiction import GROSS
+from fusion.checks.contradiction import GROSS, limit
 from fusion.checks.exclusion import Exclusion, fits_anything, may_give_degrees
 from fusion.checks.recovery import Recovery
 from fusion.checks.time_offset import EVERY_WINDOWS, TimeOffset, Turned, time_offset, with_window
@@ -33,6 +33,7 @@ MOST_STRIKES = 6  # exclusions that count: it takes 32 telling windows then, and
 NEVER = 1_000_000_000  # windows; more than any drive has
 NO_SPIKES = 3  # windows with turns that no robot makes are no spikes but another unit; not derived
 EVIDENCE_WINDOWS = 20  # windows with a contradiction that are remembered, to name the fault; not derived
+TELLING = 0.2  # of a turn; a gyro that errs by less is not wrong, but badly calibrated; not derived
 BEST_FIRST = (Sensor.COMPASS, Sensor.GYRO, Sensor.TRACKS)
 
 
@@ -170,6 +171,14 @@ class Isolation:
     def contradicted(self) -> bool:
         """Whether gyro or compass are excluded, or the sensor of an alternative."""
         return bool(self.contradicting - {Sensor.TRACKS})
+
+    @property
+    def gyro_shown_right(self) -> bool:
+        """Whether gyro and images agree on the turn of the last window, so large that no gyro that errs would."""
+        if self.last is None or self.contradicted or self.last.gyro is None or self.last.compass is None:
+            return False
+        gyro, compass = self.last.gyro, self.last.compass
+        return limit(gyro, compass, self.last.seconds) <= TELLING * abs(compass.turn)
 
     def alternative(self, sensor: Sensor) -> Alternative | None:
         """What a sensor claims that may be right although it is not followed."""

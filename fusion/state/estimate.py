@@ -31,6 +31,7 @@ def estimate_of(state: FilterState) -> YawEstimate | None:
         + state.tilted_turn.variance
         + state.isolation.variance(state.t_ns)
         + state.unconfirmed_variance
+        + state.unwatched.variance
         + state.turn_count.variance
         + state.image_excess,
         turn_count_variance=state.turn_count.variance,

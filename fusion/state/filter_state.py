@@ -17,6 +17,7 @@ from fusion.checks.silence import RATE_SILENT_NS, SILENT_NS
 from fusion.checks.stillness import Stillness
 from fusion.checks.turn_count import TurnCount
 from fusion.checks.unconfirmed import Belief, TracksSince, Unconfirmed
+from fusion.checks.unwatched import Unwatched
 from fusion.checks.warnings import Warning, most_serious_first
 from fusion.checks.windows import SAME_NUMBER, Turns
 from fusion.imu.tilt import BiasGain, TiltedTurn
@@ -108,6 +109,10 @@ class FilterState:
         The yaw of a robot that stands as it is believed, rad, where the step to this state asked for it.
     agreement : BiasPrior or None
         What is known beforehand of the gyro's bias and the tracks' veer; None once a bias has jumped.
+    unwatched : Unwatched
+        What the gyro turned while no images watched it.
+    agreed_scale : tuple of float or None
+        Scale factor of the tracks and its standard deviation when gyro and images last agreed on a turn.
     bias_walk : BiasWalk
         How fast the gyro's bias walks.
     jitter : LearntNoise
@@ -154,6 +159,8 @@ class FilterState:
     yaw_lead: float = 0.0
     standing_yaw: float | None = None
     agreement: BiasPrior | None = None
+    unwatched: Unwatched = field(default_factory=lambda: Unwatched(0.0))
+    agreed_scale: tuple[float, float] | None = None
     bias_walk: BiasWalk = field(default_factory=lambda: BiasWalk(0.0))
     jitter: LearntNoise = field(default_factory=lambda: LearntNoise(0.0))
     rate_walk_scale: LearntNoise = field(default_factory=lambda: LearntNoise(1.0))

@@ -78,6 +78,10 @@ class FaultIsolation:
             _doubt_since_rest(state, window, before.contradicting)
             if self._apply(state, remedy, window):
                 wrong_ns = min(remedy.since_ns, start_ns - WINDOW_NS)
+            if state.isolation.gyro_shown_right:
+                state.agreed_scale = turns.start.scale, turns.start.scale_sigma
+            state.unwatched, doubt = state.unwatched.judged(state.isolation, window, turns.start.yaw)
+            ekf.widen(State.YAW, doubt)
             state.warnings = warnings_of(state.isolation)
             if state.isolation.excludes(Sensor.GYRO):
                 state.trail = GyroTrail()
@@ -154,7 +158,7 @@ class FaultIsolation:
             start_ns,
             t_ns,
             gyro_claim(turns, start_ns, t_ns, self._config, state.gyro_noise.factor.variance),
-            self._tracks_claim(state, start_ns),
+            self._tracks_claim(state, start_ns, beside_images=seen is not None),
             seen,
             float(x[State.YAW]) - turns.start.yaw,
             repeats,
@@ -225,10 +229,18 @@ class FaultIsolation:
         claim = self._tracks_claim(state, start_ns) if start_ns is not None else None
         return known.refutes(off, claim.noise**2 if claim else 0.0, state.belief)
 
-    def _tracks_claim(self, state: FilterState, start_ns: int) -> Claim | None:
-        """What the tracks say of the window that began then."""
-        slip = state.slip_turn.variance, state.slip_speed.variance
-        return tracks_claim(state.turns, start_ns, state.t_ns or 0, self._config, *slip)
+    def _tracks_claim(self, state: FilterState, start_ns: int, *, beside_images: bool = False) -> Claim | None:
+        """What the tracks say of the window that began then.
+
+        Their scale factor is learnt of whoever is believed. `beside_images` they are asked who of gyro and images errs:
+        then only that counts which was learnt as these agreed.
+        """
+        slip, turns = (state.slip_turn.variance, state.slip_speed.variance), state.turns
+        if beside_images:
+            scale, sigma = state.agreed_scale or (self._config.initial_scale, self._config.initial_scale_sigma)
+            sigma = max(sigma, turns.start.scale_sigma)
+            turns = replace(turns, start=replace(turns.start, scale=scale, scale_sigma=sigma))
+        return tracks_claim(turns, start_ns, state.t_ns or 0, self._config, *slip)
 
     def _add_gyro_alternative(self, state: FilterState, since_ns: int, offset: float) -> None:
         """Keep the alternative that the gyro's bias is as before."""
@@ -279,8 +291,9 @@ def _doubt_of_before(state: FilterState, before: Isolation) -> None:
     claimed = before.alternative(Sensor.COMPASS)
     if claimed is not None and state.isolation.alternative(Sensor.COMPASS) is None:
         back_ns, doubt = min(claimed.since_ns, back_ns), state.unconfirmed_variance
-    if known is not None and known.since.t_ns < back_ns:
-        state.ekf.widen(State.YAW, doubt)  # an increment from a view of before may know better
+    if known is not None:  # an increment from a view of before may know better
+        state.ekf.widen(State.YAW, doubt if known.since.t_ns < back_ns else known.left)
+        state.unconfirmed = replace(known, left=0.0)
 
 
 def _start(state: FilterState) -> Start:
