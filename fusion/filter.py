@@ -40,6 +40,8 @@ from fusion.updates.odometry import TRACK_MEMORY, OdometryUpdate
 from fusion.updates.standstill import StandstillUpdate
 
 GYRO_MEMORY = 3000.0  # gyro samples; half a minute of them, legs of straight driving and turns
+PAUSED = 0.2  # s; in which a gyro that was heard just before says nothing, nor anybody else; not derived
+CLOCK_SET_PROBABILITY = 0.25  # that no time has passed in such a pause: it stays within two deviations; not derived
 SETTLING = 3.0  # s, over which is published what a standing robot finds out of its yaw
 
 
@@ -229,6 +231,9 @@ class YawFilter:
             seconds = (t_ns - state.t_ns) * 1e-9
             rate, unheard = float(state.x[State.RATE]), seconds - RATE_SILENT_NS * 1e-9
             state.ekf.predict_for(seconds, still=still, watched=watched)
+            if seconds > PAUSED and heard_ns is not None and state.t_ns - heard_ns <= WATCHED_NS:
+                # a pause of all, or a clock that was set forward: then it has not turned meanwhile
+                state.ekf.widen(State.YAW, CLOCK_SET_PROBABILITY * (rate * seconds) ** 2)
             if unheard > 0.0:  # it may have stopped at any time since, at once
                 state.ekf.widen(State.YAW, (rate * unheard) ** 2 / 3.0)
             if state.yaw_lead:

@@ -89,6 +89,7 @@ class YawFusion:
         self._first_ns = FOREVER_NS  # of all stamps
         self._gaps: dict[Sensor, int] = {}  # between its last two
         self._sequences = {sensor: StampSequence(sensor) for sensor in (Sensor.GYRO, Sensor.TRACKS)}
+        self._image_stamps = StampSequence(Sensor.COMPASS)
         self._clocks, self._silence, self._pauses = ClockWatch(), SilenceWatch(), GapWatch()
         self._faults, self._leads = FaultWatch(), LeadWatch()
         self._spikes = SpikeWatch(by_poses=self.config.odometry == "pose")
@@ -230,7 +231,10 @@ class YawFusion:
         if self._timeline.holds(event):
             return self._refuse(sample, "duplicate")
         if sensor in self._sequences and not self._sequences[sensor].fits(sample.t_ns):
-            return self._refuse(sample, "its stamp repeats or goes back")
+            self._refuse(sample, "its stamp repeats or goes back")
+            return self._clocks_set_back(sample)
+        if isinstance(sample, YawIncrement) and not sample.long_baseline:
+            self._image_stamps.fits(sample.t_ns)  # late ones are used; that a clock was set they show
         references = self._references_of(event.sample) if isinstance(event, CompassEvent) else ()
         arrival = self._timeline.add(event, *references)
         if sample.t_ns > self._heard.get(sensor, sample.t_ns):
@@ -246,6 +250,17 @@ class YawFusion:
         self.counts[_LATE[sensor] if arrival is Arrival.LATE else _IN_ORDER[sensor]] += 1
         self._take_all(self._leads.hear(sensor, sample.t_ns))
         return True
+
+    def _clocks_set_back(self, sample: Sample) -> bool:
+        """Start anew where two sensors' clocks were set back by less than `lag_window`; whether they were."""
+        newest_ns = self._timeline.newest_ns or 0
+        if sum(one.went_back for one in (*self._sequences.values(), self._image_stamps)) < 2:
+            return False
+        log.warning("all clocks were set back to %d ns: fusion starts anew", sample.t_ns)
+        self.counts["reset: time jumped back"] += 1
+        self._restart(self._filter.lost(self._timeline.state, UNKNOWN_TURN))
+        self._pauses.jumped(newest_ns, sample.t_ns)
+        return self._take(sample)
 
     def _references_of(self, increment: YawIncrement) -> list[FusionEvent]:
         """What gives the filter the yaw at an increment's reference, as far as it may go back for that."""

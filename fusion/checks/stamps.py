@@ -168,6 +168,7 @@ def _mismatch(sensor: Sensor, mismatch: Mismatch) -> Warning:
 
 
 STAMPS_NS = 2_000_000_000  # of its stamps that are remembered
+ORDERED = 50  # stamps of a sensor without one that goes back, before those that do are its clock's; not derived
 # Of a period: a late sample has at least so much room to both sides, else there is one at its place already.
 FILLS = 0.6
 
@@ -185,7 +186,16 @@ class StampSequence:
         self._gaps: deque[int] = deque(maxlen=PERIOD_GAPS)
         self._newest_ns = -1
         self._since_ns = 0
+        self._again: tuple[int, int, int] | None = None  # first and last stamp that went back, and the newest before
         self.count = self.refused = 0
+
+    @property
+    def went_back(self) -> bool:
+        """Whether a clock that went well was set back just now: a stretch of time comes a second time."""
+        if self._again is None:
+            return False
+        first_ns, last_ns, newest_ns = self._again
+        return last_ns - first_ns >= LONE_NS // 2 and self._newest_ns - newest_ns <= SILENT_NS
 
     def fits(self, t_ns: int) -> bool:
         """Take in a stamp, ns; whether there is room for it."""
@@ -200,6 +210,10 @@ class StampSequence:
                 del self._stamps[: bisect_left(self._stamps, self._newest_ns - STAMPS_NS)]
         else:
             self._since_ns = self._since_ns or self._newest_ns
+            if self._again is None and self.count > ORDERED and not self.refused:
+                self._again = t_ns, t_ns, self._newest_ns
+            elif self._again is not None and t_ns > self._again[1]:
+                self._again = self._again[0], t_ns, self._again[2]
             self.refused += 1
         return fits
 
