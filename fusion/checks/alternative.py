@@ -21,7 +21,9 @@ FOUND_AGAIN_PROBABILITY = 0.1
 # Not derived: `LONGEST_ROW_NS`, `AGREEING`.
 LONGEST_ROW_NS = 1_000_000_000  # for so long after the last window a claim is extrapolated at its last rate
 AGREEING = 0.4  # of the difference of two claims; a third sensor that is farther outside contradicts both
-DECIDED = 2.0 * math.log(20.0)  # difference of squared misfits at which one side is twenty times as likely
+# Difference of squared misfits at which one side is a thousand times as likely: with twenty times, tracks decide for a
+# gyro of a wrong factor (docs/lab-notes/majorities-2026-11-30.md).
+DECIDED = 2.0 * math.log(1000.0)
 LEAST_SCALE = 0.05  # of tracks: the least that `initial_scale` may be; with less they have not turned with the robot
 NEARER = (AGREEING / (1.0 - AGREEING)) ** 2  # ratio of the two squared misfits above which no side is taken
 
