@@ -127,7 +127,7 @@ class YawFilter:
         if contradicted and not state.believes(Sensor.TRACKS) and before.believes(Sensor.TRACKS):
             if not state.isolation.excludes(Sensor.TRACKS):  # else two others refute what they said
                 # who contradicted says no more: it is known for good how little is known
-                state.ekf.widen_frame(before.unconfirmed_variance)
+                state.ekf.widen_frame(before.unconfirmed_variance())
             state.unconfirmed = state.confirmed(self.config.initial_rate_sigma)
         if before.t_ns is None:
             state.unconfirmed = state.begun(float(before.x[State.YAW]), self.config.initial_rate_sigma)
@@ -174,7 +174,7 @@ class YawFilter:
                 agreed = unconfirmed.agrees(state.belief) or not witness
         known = agreed and unconfirmed is not None and not unconfirmed.beginning
         if known or (agreed and sum(map(state.hears, Sensor)) > 1):
-            doubt, error = before.unconfirmed_variance, 0.0
+            doubt, error = before.unconfirmed_variance(), 0.0
             if isinstance(event, CompassEvent):  # it confirms to within its own error
                 error = event.sample.variance + state.jitter.variance * float(state.x[State.RATE]) ** 2
             older = min(older, doubt)
@@ -192,7 +192,7 @@ class YawFilter:
             unconfirmed = unconfirmed.blind(event.t_ns)
         state.unconfirmed = unconfirmed
         if isinstance(event, CompassEvent):
-            state.clones = state.clones.doubted(event.t_ns, state.unconfirmed_variance if refused else older)
+            state.clones = state.clones.doubted(event.t_ns, state.unconfirmed_variance() if refused else older)
 
     def lost(self, state: FilterState, variance: float) -> FilterState:
         """A start from the yaw of a state, to which `variance`, rad^2, is added: it may have turned unseen."""

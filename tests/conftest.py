@@ -1,5 +1,7 @@
 """What several test files use, and what is left out by `make check`."""
 
+import ctypes
+import gc
 import os
 
 # As the command does: matrices are small, and threads that wait for each other cost twice the time. Before numpy.
@@ -12,6 +14,13 @@ import pytest
 from tiny_bags import TinyBag, TinyDrive, fill
 
 cv2.setNumThreads(1)  # as many processes as cores run tests already
+
+# Pictures of some MB come and go by the thousand. By default the C library gives their pages back to the system each
+# time, and to get them anew takes as long as what is computed in them: it shall keep 256 MB, and 32 MB in one piece.
+M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3
+if hasattr(ctypes.CDLL(None), "mallopt"):  # glibc
+    ctypes.CDLL(None).mallopt(M_TRIM_THRESHOLD, 1 << 28)
+    ctypes.CDLL(None).mallopt(M_MMAP_THRESHOLD, 1 << 25)
 
 # Marked `slow`, beside all that start nodes as processes of their own: five seconds of one core and more, where a
 # change is seldom noticed by these alone.
@@ -40,6 +49,12 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         names = vars(getattr(item, "module", None) or object).values()
         if item.path.stem in SLOW or any(getattr(value, "__module__", "") == "ros_harness" for value in names):
             item.add_marker(pytest.mark.slow)
+
+
+def pytest_collection_finish() -> None:
+    """Spare the garbage collector the thousands of tests and modules, which stay: it looks at all, again and again."""
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.fixture

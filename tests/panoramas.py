@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 import pytest
+from scipy.fft import irfft, rfft
 from scipy.spatial.transform import Rotation
 
 from compass import CompassStatus, VisualCompass, YawIncrement
@@ -38,6 +39,7 @@ Maps = tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]
 WRAP = 8  # columns by which Lanczos' filter may reach over the seam
 
 
+@lru_cache(maxsize=16)
 def scene(seed: int = 0, width: int = 1024, height: int = 128) -> npt.NDArray[np.float32]:
     """Grey values 40..215 with detail of every size, as photographs have it: amplitude falls with frequency.
 
@@ -51,7 +53,13 @@ def scene(seed: int = 0, width: int = 1024, height: int = 128) -> npt.NDArray[np
     spectrum *= np.exp(-((across / 0.17) ** 8))
     image = np.fft.irfft2(spectrum, (height, width))
     image -= image.mean()
-    return (127.5 + np.clip(image / image.std() * 35.0, -87.5, 87.5)).astype(np.float32)
+    return _shared((127.5 + np.clip(image / image.std() * 35.0, -87.5, 87.5)).astype(np.float32))
+
+
+def _shared(image: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+    """The image, which nobody may write into any more: it is given to all who ask."""
+    image.flags.writeable = False
+    return image
 
 
 def slanting(image: Image) -> npt.NDArray[np.float32]:
@@ -66,9 +74,10 @@ def shifted(image: Image, columns: float) -> npt.NDArray[np.float32]:
     wave = np.exp(-2j * np.pi * columns * np.fft.rfftfreq(width))
     if width % 2 == 0:
         wave[-1] = math.cos(math.pi * columns)  # the finest wave of an even circle has no phase
-    spectrum = np.fft.rfft(image.astype(np.float64), axis=1)
+    spectrum = rfft(image.astype(np.float64), axis=1)  # scipy's, which takes half of numpy's time
     wave = wave.reshape(1, -1, *[1] * (image.ndim - 2))
-    return np.fft.irfft(spectrum * wave, width, axis=1).astype(np.float32)
+    spectrum *= wave
+    return irfft(spectrum, width, axis=1, overwrite_x=True).astype(np.float32)
 
 
 def turned(image: Image, yaw: float) -> npt.NDArray[np.float32]:
@@ -78,18 +87,21 @@ def turned(image: Image, yaw: float) -> npt.NDArray[np.float32]:
 
 def as_bytes(image: Image, noise: float = 0.0, seed: int = 0) -> npt.NDArray[np.uint8]:
     """Round to 8 bits, with a camera's noise of this sigma."""
-    if noise:
-        image = image + np.random.default_rng(seed).normal(0.0, noise, image.shape)
-    return np.clip(np.rint(image), 0, 255).astype(np.uint8)
+    grey = np.rint(image + _noise(noise, seed, image.shape) if noise else image)
+    return np.clip(grey, 0, 255, out=grey).astype(np.uint8)
+
+
+@lru_cache(maxsize=8)  # most tests ask for the same few, and drawing one takes longer than comparing two images
+def _noise(sigma: float, seed: int, shape: tuple[int, ...]) -> npt.NDArray[np.float64]:
+    """White noise."""
+    return np.random.default_rng(seed).normal(0.0, sigma, shape)
 
 
 @cache
 def photo(name: str) -> npt.NDArray[np.float32]:
     """Grey photograph, contrast compressed so that neither a shift nor noise leaves 0..255."""
     image = cv2.imread(str(PHOTOS / f"{name}.jpg"), cv2.IMREAD_GRAYSCALE)
-    grey = image.astype(np.float32) * np.float32(0.7) + np.float32(38.0)
-    grey.flags.writeable = False  # shared by all who ask
-    return grey
+    return _shared(image.astype(np.float32) * np.float32(0.7) + np.float32(38.0))
 
 
 def show(compass: VisualCompass, *images: Image, t_ns: int = START_NS, every_ns: int = FRAME_NS) -> YawIncrement | None:
@@ -141,7 +153,7 @@ def _maps_after_a_step(height: int, width: int, step: float, direction: float, d
         x, y = d * np.cos(before) - step * math.cos(direction), d * np.sin(before) - step * math.sin(direction)
         before = before + np.angle(np.exp(1j * (now - np.arctan2(y, x))))
     elevation = np.arctan(np.tan(elevations(height))[:, None] * (np.hypot(x, y) / d)[None, :])
-    return _maps(np.broadcast_to(before, (height, width)), elevation)
+    return _maps(before[None, :], elevation)
 
 
 def tilted(image: Image, about_x: float, about_y: float) -> npt.NDArray[np.float32]:
@@ -152,19 +164,19 @@ def tilted(image: Image, about_x: float, about_y: float) -> npt.NDArray[np.float
 @lru_cache(maxsize=4)
 def _maps_after_a_tilt(height: int, width: int, about_x: float, about_y: float) -> Maps:
     """Where in a panorama is what `tilted` shows."""
-    a, e = np.meshgrid(azimuths(width), elevations(height))
-    now = np.stack([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
+    a, e = azimuths(width)[None, :], elevations(height)[:, None]
+    now = np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)
     rotation = Rotation.from_rotvec([about_x, about_y, 0.0]).as_matrix()
-    x, y, z = np.einsum("ji,jrc->irc", rotation, now)
+    x, y, z = (sum(r * part for r, part in zip(axis, now, strict=True)) for axis in rotation.T)
     return _maps(np.arctan2(y, x), np.arcsin(np.clip(z, -1.0, 1.0)))
 
 
 def _maps(azimuth: npt.NDArray[np.float64], elevation: npt.NDArray[np.float64]) -> Maps:
     """Columns and rows of these angles in a full-sphere panorama that is wrapped by `WRAP` columns on either side."""
-    height, width = azimuth.shape
+    height, width = elevation.shape
     column = ((math.pi - azimuth) / math.tau * width - 0.5) % width
     row = (math.pi / 2.0 - elevation) / math.pi * height - 0.5
-    return (column + WRAP).astype(np.float32), row.astype(np.float32)
+    return np.repeat((column + WRAP).astype(np.float32), height // len(column), axis=0), row.astype(np.float32)
 
 
 def _looked_up(image: Image, column: npt.NDArray[np.float32], row: npt.NDArray[np.float32]) -> Image:

@@ -6,6 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 from scipy.linalg import expm
+from scipy.signal import lfilter
 
 from compass import YawIncrement, wrap_angle
 from fusion import FusionConfig, GyroSample, OdometrySample
@@ -101,13 +102,16 @@ def turning_noise(config, dt):
 def _motion(rng, n, config):
     """Exact draw of an acceleration that is Gauss-Markov, and of its integrals, rate and yaw."""
     F, Q = turning_noise(config, 1.0 / GRID_HZ)
-    noise = rng.normal(size=(n - 1, 3)) @ np.linalg.cholesky(Q).T
-    x = np.empty((n, 3))
+    steps = np.empty((n, 3))
+    steps[1:] = rng.normal(size=(n - 1, 3)) @ np.linalg.cholesky(Q).T
     spread = config.initial_yaw_sigma, config.initial_rate_sigma, config.rate_walk / math.sqrt(2.0 * config.rate_ramp)
-    x[0] = np.array([config.initial_yaw, 0.0, 0.0]) + np.array(spread) * rng.normal(size=3)
-    for i in range(1, n):
-        x[i] = F @ x[i - 1] + noise[i - 1]
-    return x[:, 0], x[:, 1]
+    steps[0] = np.array([config.initial_yaw, 0.0, 0.0]) + np.array(spread) * rng.normal(size=3)
+    # x = F x + step, line by line from below: F is upper triangular, its first two diagonal elements are one
+    acceleration = lfilter([1.0], [1.0, -F[2, 2]], steps[:, 2])
+    steps[1:, 1] += F[1, 2] * acceleration[:-1]
+    rate = np.cumsum(steps[:, 1])
+    steps[1:, 0] += F[0, 1] * rate[:-1] + F[0, 2] * acceleration[:-1]
+    return np.cumsum(steps[:, 0]), rate
 
 
 def _walk(rng, n, sigma, step):
@@ -116,10 +120,9 @@ def _walk(rng, n, sigma, step):
 
 def _gauss_markov(rng, n, time):
     keep = math.exp(-1.0 / (GRID_HZ * time))
-    out = rng.normal(size=n)
-    for i in range(1, n):
-        out[i] = keep * out[i - 1] + math.sqrt(1.0 - keep**2) * out[i]
-    return out
+    steps = rng.normal(size=n)
+    steps[1:] *= math.sqrt(1.0 - keep**2)
+    return lfilter([1.0], [1.0, -keep], steps)
 
 
 def _tracks(rng, at, t_ns, motion, errors, config):

@@ -117,8 +117,8 @@ def test_what_a_gyro_made_believe_until_it_was_outvoted_is_taken_back(seed):
     fusion = YawFusion()
     for sample in sick.samples:
         fusion.add(sample)
-        estimate = fusion.estimate()
         if sample.t_ns * 1e-9 > jump_s + judged_s:
+            estimate = fusion.estimate()
             assert sick.error(estimate) ** 2 < 4.0**2 * estimate.yaw_variance
 
 
@@ -233,7 +233,7 @@ def test_start_that_hides_in_the_gyros_noise_is_within_the_sigma_without_tracks(
         fusion, stood = YawFusion(), False
         for sample in samples:
             fusion.add(sample)
-            stood = stood or fusion.estimate().standstill
+            stood = stood or fusion.state.stillness.standing
         estimate = fusion.estimate()
         assert stood
         assert not estimate.standstill

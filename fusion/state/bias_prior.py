@@ -36,32 +36,35 @@ class BiasPrior:
         one Kalman update; then the mixture's mean and covariance are taken.
         """
         (i, j), (one, other) = states, self.sigmas
-        R, constant = _narrower(self.sigmas, self.least)
+        R, other_R, constant = _narrower(self.sigmas, self.least)
         m, n = float(x[i]) / one, float(x[j]) / other
         own, others = max(float(P[i, i]) / one**2, 0.0), max(float(P[j, j]) / other**2, 0.0)
         most = math.sqrt(own * others)  # rounding may leave more
         c = min(max(float(P[i, j]) / (one * other), -most), most)
-        a, b = (own + R[0])[:, None], others + R[1]
+        a, b = own + R, others + other_R
         det = a * b - c * c
         p, q, r = b / det, -c / det, a / det  # of the innovations' inverse covariance
         u, v = p * m + q * n, q * m + r * n
         evidence = constant - 0.5 * np.log(det) - 0.5 * (m * u + n * v)
-        weight = np.exp(evidence - evidence.max())
-        weight /= weight.sum()
+        weight = np.exp(evidence - np.maximum.reduce(evidence))
+        weight /= np.add.reduce(weight)  # half the time of `weight.sum()`
         # over the mixture: x - G S_inv m, P - G S_inv G' and the spread of the means
         G = P[:, [i, j]] / [one, other]
-        mean_u, mean_v = float((weight * u).sum()), float((weight * v).sum())
+        mean_u, mean_v = float(np.add.reduce(weight * u)), float(np.add.reduce(weight * v))
         u -= mean_u
         v -= mean_v
-        mixed = float((weight * (u * v - q)).sum())
-        change = np.array([[(weight * (u * u - p)).sum(), mixed], [mixed, (weight * (v * v - r)).sum()]])
+        both = np.add.reduce(weight * (u * v - q))
+        change: Array = np.array(
+            ((np.add.reduce(weight * (u * u - p)), both), (both, np.add.reduce(weight * (v * v - r))))
+        )
         return x - G @ [mean_u, mean_v], P + G @ change @ G.T
 
 
 @lru_cache(maxsize=8)  # of a config
-def _narrower(sigmas: tuple[float, float], least: tuple[float, float]) -> tuple[Array, Array]:
-    """Variances of the measurement of zero, (2, 7), of either error and deviation; the evidence's constant, (7, 7)."""
+def _narrower(sigmas: tuple[float, float], least: tuple[float, float]) -> tuple[Array, Array, Array]:
+    """Variances of the measurement of zero of either error, and the evidence's constant: each of all pairs, (49,)."""
     shares = np.minimum(np.array(least) / np.array(sigmas), 1.0)[:, None] ** STEPS
     R = np.minimum(shares**2 / np.maximum(1.0 - shares**2, 1.0 / UNINFORMATIVE), UNINFORMATIVE)
     narrow = -np.log(shares) + 0.5 * np.log(R)
-    return R, narrow[0][:, None] + narrow[1]
+    one, other = (np.ravel(part) for part in np.meshgrid(*R, indexing="ij"))
+    return one, other, np.ravel(narrow[0][:, None] + narrow[1])

@@ -30,7 +30,7 @@ def estimate_of(state: FilterState) -> YawEstimate | None:
         + (state.early_images.variance(rate) if state.hears(Sensor.GYRO) else 0.0)
         + state.tilted_turn.variance
         + state.isolation.variance(state.t_ns)
-        + state.unconfirmed_variance
+        + state.unconfirmed_variance(x)
         + state.unwatched.variance
         + state.turn_count.variance
         + state.image_excess,

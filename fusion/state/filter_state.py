@@ -217,7 +217,9 @@ class FilterState:
     @property
     def belief(self) -> Belief:
         """Of yaw, turn rate and tracks."""
-        x = self.x if self.hears(Sensor.COMPASS) else believed(self)[0]
+        return self._belief(self.x if self.hears(Sensor.COMPASS) else believed(self)[0])
+
+    def _belief(self, x: Array) -> Belief:
         variance = max(float(self.P[State.SCALE, State.SCALE]), 0.0)
         by_scale = float(self.P[State.YAW, State.SCALE]) / variance if variance > 0.0 else 0.0
         return Belief(
@@ -249,16 +251,16 @@ class FilterState:
         """Whether nobody but the tracks can contradict the images."""
         return not self.believes(Sensor.GYRO) and self.believes(Sensor.TRACKS) and self.hears(Sensor.COMPASS)
 
-    @property
-    def unconfirmed_variance(self) -> float:
-        """What the yaw owes to one sensor only, rad^2."""
+    def unconfirmed_variance(self, known: Array | None = None) -> float:
+        """What the yaw owes to one sensor only, rad^2; `known`: the state as `believed` has it, if that was asked."""
         if self.unconfirmed is None or (self.unconfirmed.beginning and not self.gates[Sensor.GYRO].report):
             return 0.0
         slipped, unconfirmed = ALTERNATIVE_PROBABILITY[Sensor.TRACKS] * self.unconfirmed.by_tracks, self.unconfirmed
         gyro = self.believes(Sensor.GYRO)
         if self.common_source.one is not False if gyro else not self.believes(Sensor.TRACKS):
             unconfirmed = replace(unconfirmed, tracks=None)  # they confirm and contradict nobody
-        variance = unconfirmed.variance(self.belief, images=self.only_tracks_watch) + self.against_tracks
+        belief = self.belief if known is None or self.hears(Sensor.COMPASS) else self._belief(known)
+        variance = unconfirmed.variance(belief, images=self.only_tracks_watch) + self.against_tracks
         return variance + (slipped if self.hears(Sensor.COMPASS) else 0.0)
 
     def is_blind(self, *, refused: bool) -> bool:

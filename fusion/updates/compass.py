@@ -66,7 +66,7 @@ class CompassUpdate:
         new = state.clones.slot_of(event.t_ns) is None
         slot = self.remember(state, event.t_ns, reference=True)
         if new:
-            state.clones = state.clones.doubted(event.t_ns, state.unconfirmed_variance)
+            state.clones = state.clones.doubted(event.t_ns, state.unconfirmed_variance())
         if event.long_baseline:
             state.clones = state.clones.kept(slot)
 

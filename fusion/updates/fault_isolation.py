@@ -290,7 +290,7 @@ def _doubt_of_before(state: FilterState, before: Isolation) -> None:
         back_ns, doubt = last.start_ns, turns.earlier.doubt
     claimed = before.alternative(Sensor.COMPASS)
     if claimed is not None and state.isolation.alternative(Sensor.COMPASS) is None:
-        back_ns, doubt = min(claimed.since_ns, back_ns), state.unconfirmed_variance
+        back_ns, doubt = min(claimed.since_ns, back_ns), state.unconfirmed_variance()
     if known is not None:  # an increment from a view of before may know better
         state.ekf.widen(State.YAW, doubt if known.since.t_ns < back_ns else known.left)
         state.unconfirmed = replace(known, left=0.0)
@@ -309,6 +309,6 @@ def _start(state: FilterState) -> Start:
         *known,
         lag=image.turn,
         lag_rate=image.rate,
-        doubt=state.unconfirmed_variance,
+        doubt=state.unconfirmed_variance(),
         standing=state.stillness.standing,
     )
