@@ -63,9 +63,9 @@ class CompassUpdate:
 
     def refer(self, state: FilterState, event: ReferenceEvent) -> None:
         """Remember the yaw at the capture time of a compass reference."""
-        new = state.clones.slot_of(event.t_ns) is None
+        first = state.clones.slot_of(event.t_ns) is None and not state.hears(Sensor.COMPASS)
         slot = self.remember(state, event.t_ns, reference=True)
-        if new:
+        if first:  # no image has confirmed what was turned before it
             state.clones = state.clones.doubted(event.t_ns, state.unconfirmed_variance())
         if event.long_baseline:
             state.clones = state.clones.kept(slot)

@@ -153,12 +153,13 @@ class FaultIsolation:
         seen = None
         if compass and compass.t_ns == t_ns:
             seen = Claim(compass.turn, math.sqrt(compass.turn_variance), begin=compass.first, end=compass.last)
+        gyro = gyro_claim(turns, start_ns, t_ns, self._config, state.gyro_noise.factor.variance)
         repeats = turns.gyro is not None and turns.gyro.repeats >= max(turns.gyro.count, SAME_NUMBER)
         return Window(
             start_ns,
             t_ns,
-            gyro_claim(turns, start_ns, t_ns, self._config, state.gyro_noise.factor.variance),
-            self._tracks_claim(state, start_ns, beside_images=seen is not None),
+            gyro,
+            self._tracks_claim(state, start_ns, beside_two=seen is not None and gyro is not None),
             seen,
             float(x[State.YAW]) - turns.start.yaw,
             repeats,
@@ -229,14 +230,14 @@ class FaultIsolation:
         claim = self._tracks_claim(state, start_ns) if start_ns is not None else None
         return known.refutes(off, claim.noise**2 if claim else 0.0, state.belief)
 
-    def _tracks_claim(self, state: FilterState, start_ns: int, *, beside_images: bool = False) -> Claim | None:
+    def _tracks_claim(self, state: FilterState, start_ns: int, *, beside_two: bool = False) -> Claim | None:
         """What the tracks say of the window that began then.
 
-        Their scale factor is learnt of whoever is believed. `beside_images` they are asked who of gyro and images errs:
+        Their scale factor is learnt of whoever is believed. `beside_two` they are asked who of gyro and images errs:
         then only that counts which was learnt as these agreed.
         """
         slip, turns = (state.slip_turn.variance, state.slip_speed.variance), state.turns
-        if beside_images:
+        if beside_two:
             scale, sigma = state.agreed_scale or (self._config.initial_scale, self._config.initial_scale_sigma)
             sigma = max(sigma, turns.start.scale_sigma)
             turns = replace(turns, start=replace(turns.start, scale=scale, scale_sigma=sigma))

@@ -167,7 +167,7 @@ def _several() -> Iterable[Row]:
     for seconds in (0.4, 2.0):
         for who in ("GTC", "GT"):
             bound = {"most_sigma": ANY} if who == "GT" else {}
-            yield Row(f"both zero for {seconds} s", "GT", zero, STUCK, who=who, seconds=seconds, **bound)  # type: ignore[arg-type]
+            yield Row(f"both zero for {seconds} s", "GT", zero, STUCK, who=who, since=15.0, seconds=seconds, **bound)  # type: ignore[arg-type]
     bias = lambda: do.gyro(lambda w, t: w + 0.1)  # noqa: E731
     slip = lambda: do.between(0.0, 10.0, do.tracks(lambda w: w + 0.5))  # noqa: E731
     yield Row(
