@@ -155,7 +155,7 @@ def test_mast_that_a_mask_hides_does_not_matter(tmp_path):
     mask = np.zeros((WIDTH // 2, WIDTH), np.uint8)
     mask[:, 300:400] = 255
     cv2.imwrite(str(tmp_path / "mask.png"), mask)
-    image = sphere(7)
+    image = sphere(7).copy()
     now = shifted(driven(image, 0.05, 0.0, (1.0, 3.0)), 6.4)
     mast = np.random.default_rng(0).uniform(0, 255, (WIDTH // 2, 100))
     for one in (image, now):
